@@ -1,0 +1,109 @@
+"""Files that appear whole or not at all, and checks of files that come from elsewhere."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+LARGEST_TEXT = 4_000_000
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` that takes its place when the block succeeds."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside ``path`` that replaces it, as a whole, when the block succeeds."""
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path} is a file; a folder is wanted: choose another --out")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    temporary.chmod(0o755)
+    old = temporary.with_name(temporary.name + ".old")
+    try:
+        yield temporary
+        if path.exists():
+            path.rename(old)
+        temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole."""
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file whole; values that are not finite are refused."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def existing(path: Path) -> Path:
+    """``path``, if it is a file that is not empty.
+
+    Raises:
+        ValueError: it is missing, a folder, or empty.
+    """
+    if not path.exists():
+        raise ValueError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: not a file")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty")
+    return path
+
+
+def read_text(path: Path) -> str:
+    """Text of a small file.
+
+    Raises:
+        ValueError: missing, empty, larger than 4 MB or not UTF-8.
+    """
+    if existing(path).stat().st_size > LARGEST_TEXT:
+        raise ValueError(f"{path}: larger than {LARGEST_TEXT // 1_000_000} MB, not read")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file ({error.reason})") from None
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """A JSON or YAML file that holds a mapping, read by the safe loaders.
+
+    Raises:
+        ValueError: it cannot be read, or does not hold a mapping.
+    """
+    text = read_text(path)
+    try:
+        value = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
+    except (json.JSONDecodeError, yaml.YAMLError, RecursionError) as error:
+        first = " ".join(str(error).split())[:160]
+        raise ValueError(f"{path}: not valid {path.suffix[1:] or 'YAML'} ({first})") from None
+    if not isinstance(value, dict):
+        raise ValueError(
+            f"{path}: a mapping of names to values is wanted, got {type(value).__name__}"
+        )
+    return value

@@ -1,0 +1,132 @@
+"""Least squares, what it could not determine, and the answer of an identification."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from form_drake.material import Material
+
+LARGEST_CONDITION = 1e10
+
+
+class Unidentifiable(ValueError):
+    """The motion does not determine some parameters; ``keys`` names them."""
+
+    def __init__(self, keys: Sequence[str], advice: str):
+        self.keys = tuple(keys)
+        super().__init__(f"the motion does not determine {', '.join(self.keys)}: {advice}")
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Solution of A theta = b.
+
+    Attributes:
+        theta: coefficients, shape [columns].
+        covariance: for independent rows of equal variance, shape [columns, columns].
+        condition: condition number of A with columns scaled to unit length.
+        residual: root mean square of b - A theta.
+        rows: number of rows.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    condition: float
+    residual: float
+    rows: int
+
+
+def least_squares(A: np.ndarray, b: np.ndarray, keys: Sequence[str]) -> LeastSquares:
+    """Solve A theta = b in the least-squares sense.
+
+    Args:
+        A: shape [rows, columns].
+        b: shape [rows].
+        keys: name of each column.
+
+    Raises:
+        Unidentifiable: too few rows, or columns that vanish or depend on each other.
+    """
+    rows, columns = A.shape
+    advice = "record a motion that strains the body more, and in more ways"
+    scale = np.linalg.norm(A, axis=0)
+    dead = [k for k, s in zip(keys, scale, strict=True) if not s > 0]
+    if dead or rows <= columns:
+        raise Unidentifiable(dead or keys, advice)
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    if s[-1] * LARGEST_CONDITION < s[0]:
+        weak = [k for k, c in zip(keys, Vt[-1], strict=True) if abs(c) > 0.1]
+        raise Unidentifiable(weak, advice)
+    theta = (Vt.T @ ((U.T @ b) / s)) / scale
+    residual = b - A @ theta
+    inverse = (Vt.T / s**2) @ Vt / np.outer(scale, scale)
+    variance = float(residual @ residual) / (rows - columns)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return LeastSquares(theta, variance * inverse, float(s[0] / s[-1]), rms, rows)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """An identified material and how well the data determine it.
+
+    Attributes:
+        material: with the covariance of the identified parameters.
+        method: ``step`` or ``rollout``.
+        observed: ``full``, ``no-stress`` or ``positions``.
+        condition: condition number of the scaled columns at the solution.
+        residual: root mean square residual, in ``residual_unit``.
+        rows: number of equations.
+        seconds: time of the solution, kernel compilation apart [s].
+        compile_seconds: time spent on loading or compiling kernels [s].
+        details: further facts, e.g. initial velocity or the number of rollouts.
+    """
+
+    material: Material
+    method: str
+    observed: str
+    condition: float
+    residual: float
+    residual_unit: str
+    rows: int
+    seconds: float
+    compile_seconds: float = 0.0
+    details: dict[str, object] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, object]:
+        """The command line's JSON object."""
+        return {
+            "law": self.material.law.name,
+            "method": self.method,
+            "observe": self.observed,
+            "parameters": self.material.to_json(),
+            "condition": self.condition,
+            "residual": self.residual,
+            "residual_unit": self.residual_unit,
+            "rows": self.rows,
+            "seconds": self.seconds,
+            "compile_seconds": self.compile_seconds,
+            **self.details,
+        }
+
+    def __str__(self) -> str:
+        return table(self)
+
+
+def table(answer: Identification) -> str:
+    """The answer as a plain table with 95 % intervals; angles also in degrees."""
+    lines = [f"{'parameter':16}{'value':>16}{'± 95 %':>14}  unit"]
+    for key, p in answer.material.parameters().items():
+        band = "given" if p.std is None else f"{1.96 * p.std:.2g}"
+        unit = "" if p.unit == "-" else p.unit
+        if p.unit == "rad":
+            unit = f"rad = {np.degrees(p.value):.4g} deg"
+        mark = " (derived)" if p.derived else ""
+        lines.append(f"{key:16}{p.value:>16.8g}{band:>14}  {unit}{mark}")
+    lines.append(
+        f"{answer.material.law.name}: {answer.method}, {answer.observed}; {answer.rows} rows,"
+        f" condition {answer.condition:.3g}, residual {answer.residual:.3g}"
+        f" {answer.residual_unit}, {answer.seconds:.2f} s"
+        f" (+ {answer.compile_seconds:.1f} s kernels)"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,228 @@
+"""Warp kernels of a law: its stress, its responses, and what a step leaves of the trial state."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from form_drake.laws.law import Law
+from form_drake.laws.tensor import deviator, exponential, hencky, log_stretches, norm, rotation
+
+PRECISIONS = {"float32": wp.float32, "float64": wp.float64}
+
+
+@dataclass(frozen=True)
+class Types:
+    """Warp types of one precision."""
+
+    real: Any
+    vec3: Any
+    vec4: Any
+    mat: Any
+
+
+@cache
+def types(precision: str) -> Types:
+    """The Warp types of ``float32`` or ``float64``."""
+    if precision not in PRECISIONS:
+        raise ValueError(f"unknown precision {precision!r}: choose float32 or float64")
+    real = PRECISIONS[precision]
+    return Types(
+        real,
+        wp.types.vector(3, real),
+        wp.types.vector(4, real),
+        wp.types.matrix((3, 3), real),
+    )
+
+
+@cache
+def point_type(precision: str):
+    """The struct that a response reads.
+
+    F deformation gradient, L velocity gradient [1/s], R rotation of F, e Hencky strain,
+    J = det F, p pressure [Pa].
+    """
+    t = types(precision)
+
+    class Point:
+        F: t.mat
+        L: t.mat
+        R: t.mat
+        e: t.mat
+        J: t.real
+        p: t.real
+
+    return wp.struct(Point)
+
+
+@wp.func
+def _nothing(F: Any):
+    return F
+
+
+@wp.func
+def _no_pressure(J: Any):
+    return type(J)(0.0)
+
+
+@cache
+def point(law: Law, decomposition: str, precision: str):
+    """Warp function (F, L, kappa) -> Point with what the law's responses read."""
+    t, Point = types(precision), point_type(precision)
+    rotate = rotation(decomposition) if "rotation" in law.needs else _nothing
+    strain = hencky(decomposition, precision) if "strain" in law.needs else _nothing
+    pressure = law.pressure or _no_pressure
+
+    @wp.func
+    def make(F: t.mat, L: t.mat, kappa: t.real):
+        q = Point()
+        q.F = F
+        q.L = L
+        q.J = wp.determinant(F)
+        q.R = rotate(F)
+        q.e = strain(F)
+        q.p = kappa * pressure(q.J)
+        return q
+
+    return make
+
+
+def bulk_index(law: Law) -> int:
+    """Place of ``kappa`` among the terms; 0 for a law that reads no pressure."""
+    keys = [t.key for t in law.terms]
+    return keys.index("kappa") if law.pressure is not None else 0
+
+
+@cache
+def responses(law: Law, decomposition: str, precision: str):
+    """Kernel (F, L, kappa, s) -> T[k, particle], Kirchhoff stress per unit of each term."""
+    t, make = types(precision), point(law, decomposition, precision)
+    functions = tuple(term.response for term in law.terms)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        F: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        kappa: t.real,
+        s: t.vec4,
+        out: wp.array2d(dtype=t.mat),
+    ):
+        i = wp.tid()
+        q = make(F[i], L[i], kappa)
+        for k in range(wp.static(len(functions))):
+            out[k, i] = wp.static(functions[k])(q, s)
+
+    return kernel
+
+
+@cache
+def stress(law: Law, decomposition: str, precision: str):
+    """Warp function (F, L, theta, s) -> Kirchhoff stress [Pa]."""
+    t, make = types(precision), point(law, decomposition, precision)
+    functions = tuple(term.response for term in law.terms)
+    bulk = bulk_index(law)
+
+    @wp.func
+    def function(F: t.mat, L: t.mat, theta: wp.array(dtype=t.real), s: t.vec4):
+        q = make(F, L, theta[bulk])
+        tau = theta[0] * wp.static(functions[0])(q, s)
+        for k in range(1, wp.static(len(functions))):
+            tau += theta[k] * wp.static(functions[k])(q, s)
+        return tau
+
+    return function
+
+
+@cache
+def flow(law: Law, decomposition: str, precision: str):
+    """Warp function (trial F, r) -> F after the step, see ``Law.flow``."""
+    t = types(precision)
+    third = wp.constant(t.real(1.0 / 3.0))
+
+    @wp.func
+    def elastic(F: t.mat, r: t.vec4):
+        return F
+
+    @wp.func
+    def fluid(F: t.mat, r: t.vec4):
+        return wp.pow(wp.determinant(F), third) * wp.identity(n=3, dtype=F.dtype)
+
+    @wp.func
+    def granular(F: t.mat, r: t.vec4):
+        J = wp.min(wp.determinant(F), t.real(1.0))
+        return wp.pow(J, third) * wp.identity(n=3, dtype=F.dtype)
+
+    if law.flow == "plastic":
+        return _return_svd3(law, t) if decomposition == "svd3" else _return(law, precision)
+    return {"elastic": elastic, "fluid": fluid, "granular": granular}[law.flow]
+
+
+def _return(law: Law, precision: str):
+    t, radius = types(precision), law.radius
+    strain, rotate, exp = hencky("series", precision), rotation("series"), exponential(precision)
+
+    @wp.func
+    def function(F: t.mat, r: t.vec4):
+        e = strain(F)
+        allowed = radius(wp.trace(e), r)
+        d = deviator(e)
+        size = norm(d)
+        if allowed < t.real(0.0):
+            return rotate(F)
+        if size > allowed:
+            return exp((allowed / size - t.real(1.0)) * d) * F
+        return F
+
+    return function
+
+
+def _return_svd3(law: Law, t: Types):
+    radius = law.radius
+
+    @wp.func
+    def function(F: t.mat, r: t.vec4):
+        U, s, V = wp.svd3(F)
+        e = log_stretches(s)
+        trace = e[0] + e[1] + e[2]
+        allowed = radius(trace, r)
+        mean = trace / t.real(3.0)
+        d = e - t.vec3(mean, mean, mean)
+        size = wp.length(d)
+        if allowed < t.real(0.0):
+            return U * wp.transpose(V)
+        if size > allowed:
+            h = t.vec3(mean, mean, mean) + (allowed / size) * d
+            new = t.vec3(wp.exp(h[0]), wp.exp(h[1]), wp.exp(h[2]))
+            return U * wp.diag(new) * wp.transpose(V)
+        return F
+
+    return function
+
+
+@cache
+def update(law: Law, decomposition: str, precision: str):
+    """Kernel that ends a step: F <- flow(trial F), tau <- stress(F, L).
+
+    Where ``project`` is 0, F is taken as it is.
+    """
+    t = types(precision)
+    keep, evaluate = flow(law, decomposition, precision), stress(law, decomposition, precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        project: wp.array(dtype=int),
+        F: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        theta: wp.array(dtype=t.real),
+        constants: wp.array(dtype=t.vec4),
+        tau: wp.array(dtype=t.mat),
+    ):
+        i = wp.tid()
+        new = F[i]
+        if project[0] != 0:
+            new = keep(new, constants[1])
+            F[i] = new
+        tau[i] = evaluate(new, L[i], theta, constants[0])
+
+    return kernel

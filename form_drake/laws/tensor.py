@@ -1,0 +1,147 @@
+"""Tensor functions of the deformation gradient, as Warp functions generic in precision.
+
+Two decompositions are offered. ``series`` needs no singular values: the rotation by Newton's
+iteration for the polar factor (Higham 1986), the Hencky strain by the inverse hyperbolic tangent
+series of Z = (b - I)(b + I)^-1. ``svd3`` uses Warp's built-in singular value decomposition with
+stretches clamped at 0.05, as the simulator behind the shared NCLaw data does.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+DECOMPOSITIONS = ("series", "svd3")
+
+
+@wp.func
+def deviator(a: Any):
+    """a - tr(a)/3 I."""
+    return a - wp.trace(a) / a.dtype(3.0) * wp.identity(n=3, dtype=a.dtype)
+
+
+@wp.func
+def norm(a: Any):
+    """Frobenius norm."""
+    return wp.sqrt(wp.ddot(a, a))
+
+
+@wp.func
+def isochoric_b(F: Any, J: Any):
+    """Left Cauchy-Green tensor without volume change, J^(-2/3) F F^T."""
+    return wp.pow(J, type(J)(-2.0) / type(J)(3.0)) * (F * wp.transpose(F))
+
+
+@wp.func
+def rotation_svd3(F: Any):
+    """Polar rotation U V^T of F from its singular value decomposition."""
+    U, _s, V = wp.svd3(F)
+    return U * wp.transpose(V)
+
+
+@wp.func
+def log_stretches(s: Any):
+    """Logarithms of the singular values, clamped below."""
+    floor = s.dtype(0.05)
+    return wp.vector(
+        wp.log(wp.max(s[0], floor)), wp.log(wp.max(s[1], floor)), wp.log(wp.max(s[2], floor))
+    )
+
+
+@wp.func
+def hencky_svd3(F: Any):
+    """Hencky strain U log(s) U^T."""
+    U, s, _V = wp.svd3(F)
+    return U * wp.diag(log_stretches(s)) * wp.transpose(U)
+
+
+@wp.func
+def rotation_series(F: Any):
+    """Polar rotation of F by Newton's iteration; the SVD answers for inverted F."""
+    J = wp.determinant(F)
+    if J <= type(J)(1.0e-6):
+        return rotation_svd3(F)
+    half = F.dtype(0.5)
+    R = F
+    for _ in range(12):
+        inverse = wp.transpose(wp.inverse(R))
+        scale = wp.sqrt(norm(inverse) / norm(R))
+        new = half * (scale * R + inverse / scale)
+        change = norm(new - R)
+        R = new
+        if change < type(J)(4.0e-4):
+            # quadratic convergence: one more plain step reaches round-off
+            R = half * (R + wp.transpose(wp.inverse(R)))
+            break
+    return R
+
+
+def _odd_series(terms: int):
+    """Warp function (Z, Z^2) -> Z + Z^3/3 + Z^5/5 + ..., the matrix atanh."""
+
+    @wp.func
+    def series(Z: Any, Z2: Any):
+        identity = wp.identity(n=3, dtype=Z.dtype)
+        total = identity / Z.dtype(float(2 * terms - 1))
+        for k in range(1, terms):
+            total = Z2 * total + identity / Z.dtype(float(2 * (terms - k) - 1))
+        return Z * total
+
+    return series
+
+
+def _hencky_series(short: int, long: int):
+    """``short`` terms reach round-off for |Z| < 0.25, ``long`` ones for |Z| < 0.6."""
+    near, far = _odd_series(short), _odd_series(long)
+
+    @wp.func
+    def hencky(F: Any):
+        J = wp.determinant(F)
+        identity = wp.identity(n=3, dtype=F.dtype)
+        if J <= type(J)(1.0e-6):
+            return hencky_svd3(F)
+        b = isochoric_b(F, J)
+        Z = (b - identity) * wp.inverse(b + identity)
+        size = norm(Z)
+        if size > type(J)(0.6):
+            return hencky_svd3(F)
+        strain = identity
+        if size < type(J)(0.25):
+            strain = near(Z, Z * Z)
+        else:
+            strain = far(Z, Z * Z)
+        return deviator(strain) + wp.log(J) / type(J)(3.0) * identity
+
+    return hencky
+
+
+def _exponential(terms: int):
+    @wp.func
+    def exponential(a: Any):
+        identity = wp.identity(n=3, dtype=a.dtype)
+        total = identity
+        for k in range(terms):
+            total = identity + a * total / a.dtype(float(terms - k))
+        return total
+
+    return exponential
+
+
+@cache
+def rotation(decomposition: str):
+    """Warp function F -> R of the polar decomposition F = R U."""
+    return {"series": rotation_series, "svd3": rotation_svd3}[decomposition]
+
+
+@cache
+def hencky(decomposition: str, precision: str):
+    """Warp function F -> Hencky strain 1/2 log(F F^T) [-], exact to round-off."""
+    if decomposition == "svd3":
+        return hencky_svd3
+    return _hencky_series(*((5, 14) if precision == "float32" else (12, 30)))
+
+
+@cache
+def exponential(precision: str):
+    """Warp function a -> exp(a) by Taylor's series, for |a| up to about one."""
+    return _exponential(8 if precision == "float32" else 16)

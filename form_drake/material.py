@@ -1,0 +1,265 @@
+"""Materials: a law with values, their covariance and what follows from them; YAML in and out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from form_drake.files import read_mapping, write_text
+from form_drake.laws import Law, Values, law_named
+from form_drake.laws.flow import repose_angle
+from form_drake.laws.plastic import friction_angle
+
+VERSION = 1
+LAME = ("mu", "lam")
+ENGINEERING = ("E", "nu")
+
+
+def lame(E: float, nu: float) -> tuple[float, float]:
+    """Lame's constants (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio.
+
+    Raises:
+        ValueError: E is not positive or nu not in (-1, 0.5).
+    """
+    if not E > 0 or not -1 < nu < 0.5:
+        raise ValueError(f"E = {E}, nu = {nu}: E must be positive and nu between -1 and 0.5")
+    return E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+
+def with_lame(law: Law, values: Values) -> dict[str, float]:
+    """``values`` with E and nu, where both are given, turned into the law's mu and lam.
+
+    Raises:
+        ValueError: the law has no mu and lam, one of the pair is missing, or both pairs are given.
+    """
+    named = [k for k in ENGINEERING if k in values and k not in law.keys]
+    if not named:
+        return dict(values)
+    rest = {k: v for k, v in values.items() if k not in ENGINEERING}
+    if not set(LAME) <= set(law.keys):
+        raise ValueError(f"{law.name} has no E and nu: its parameters are {', '.join(law.keys)}")
+    if len(named) == 1:
+        raise ValueError(f"{named[0]} alone is given: give E and nu together, or mu and lam")
+    if set(LAME) & set(rest):
+        raise ValueError("give either E and nu or mu and lam, not both")
+    return {**rest, **dict(zip(LAME, lame(values["E"], values["nu"]), strict=True))}
+
+
+def checked_values(law: Law, values: Mapping[str, Any], *, known: bool = False) -> dict[str, float]:
+    """Finite numbers for parameters that the law has; E and nu stand for mu and lam.
+
+    Raises:
+        ValueError: an unknown key, or a value that is not a finite number.
+    """
+    allowed = set(law.keys) | (set(ENGINEERING) if set(LAME) <= set(law.keys) else set())
+    numbers = {}
+    for key, value in values.items():
+        if key not in allowed:
+            raise ValueError(
+                f"{law.name} has no parameter {key!r}: choose from {', '.join(sorted(allowed))}"
+            )
+        numbers[key] = finite(key, value)
+    return with_lame(law, numbers)
+
+
+def finite(key: str, value: Any) -> float:
+    """``value`` as a finite number.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        number = float(value) if not isinstance(value, bool) else np.nan
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise ValueError(f"{key}: a finite number is wanted, got {value!r}")
+    return number
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One printed value: ``std`` is None where it is not known, as for given constants."""
+
+    value: float
+    std: float | None
+    unit: str
+    derived: bool = False
+
+
+@dataclass(frozen=True)
+class Material:
+    """A law with a value for every parameter.
+
+    Attributes:
+        law: the constitutive law.
+        values: parameter values (SI units) by key.
+        density: mass per reference volume [kg/m^3], where known.
+        keys: identified parameters, in the order of ``covariance``.
+        covariance: of the identified parameters, shape [keys, keys].
+    """
+
+    law: Law
+    values: dict[str, float]
+    density: float | None = None
+    keys: tuple[str, ...] = ()
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        missing = [k for k in self.law.keys if k not in self.values]
+        if missing:
+            raise ValueError(f"{self.law.name} needs a value for {', '.join(missing)}")
+
+    def changed(self, values: Mapping[str, Any]) -> "Material":
+        """This material with some values stated anew; their uncertainty is dropped."""
+        new = checked_values(self.law, values)
+        kept = [i for i, k in enumerate(self.keys) if k not in new]
+        return replace(
+            self,
+            values={**self.values, **new},
+            keys=tuple(self.keys[i] for i in kept),
+            covariance=self.covariance[np.ix_(kept, kept)],
+        )
+
+    def parameters(self) -> dict[str, Parameter]:
+        """The law's parameters, then what is derived from them, each with its uncertainty."""
+        out = {}
+        for key in self.law.keys:
+            std = None
+            if key in self.keys:
+                i = self.keys.index(key)
+                std = float(np.sqrt(max(self.covariance[i, i], 0.0)))
+            out[key] = Parameter(self.values[key], std, self.law.unit(key))
+        for key, (unit, function) in derived(self.law).items():
+            out[key] = Parameter(function(self.values), self._derived_std(function), unit, True)
+        return out
+
+    def _derived_std(self, function: Callable[[Values], float]) -> float | None:
+        if not self.keys:
+            return None
+        slopes = []
+        for key in self.keys:
+            h = 1e-6 * max(abs(self.values[key]), 1e-12)
+            ends = [function({**self.values, key: self.values[key] + s * h}) for s in (1, -1)]
+            slopes.append((ends[0] - ends[1]) / (2.0 * h))
+        g = np.array(slopes)
+        return float(np.sqrt(max(g @ self.covariance @ g, 0.0)))
+
+    def to_json(self) -> dict[str, dict[str, Any]]:
+        """The ``parameters`` object of the command line's JSON."""
+        return {
+            key: {"value": p.value, "std": p.std, "unit": p.unit, "derived": p.derived}
+            for key, p in self.parameters().items()
+        }
+
+    def write(self, path: Path) -> None:
+        """Write the YAML file, whole."""
+        entries = {}
+        for key, p in self.parameters().items():
+            entries[key] = {"value": float(p.value), "unit": p.unit}
+            if p.std is not None:
+                entries[key]["std"] = p.std
+            if p.derived:
+                entries[key]["derived"] = True
+        content: dict[str, Any] = {"form_drake_material": VERSION, "law": self.law.name}
+        if self.density is not None:
+            content["density"] = {"value": float(self.density), "unit": "kg/m^3"}
+        content["parameters"] = entries
+        if self.keys:
+            content["covariance"] = {
+                "keys": list(self.keys),
+                "values": [[float(c) for c in row] for row in self.covariance],
+            }
+        write_text(path, yaml.safe_dump(content, sort_keys=False))
+
+
+def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
+    """What follows from a law's parameters: key -> (unit, values -> value)."""
+    out: dict[str, tuple[str, Callable[[Values], float]]] = {}
+    if law.flow in ("elastic", "plastic"):
+        out["E"] = ("Pa", lambda v: _young(*law.moduli(v)))
+        out["nu"] = ("-", lambda v: _poisson(*law.moduli(v)))
+    if "kappa" not in law.keys:
+        out["K"] = ("Pa", lambda v: law.moduli(v)[0])
+    if law.name == "von-mises":
+        out["Y"] = ("Pa", lambda v: np.sqrt(1.5) * v["tau_y"])
+    if "alpha" in law.keys:
+        out["friction_angle"] = ("rad", lambda v: friction_angle(v["alpha"]))
+    if "mu_s" in law.keys:
+        out["friction_angle"] = ("rad", lambda v: repose_angle(v["mu_s"]))
+    return out
+
+
+def _young(K: float, G: float) -> float:
+    return 9.0 * K * G / (3.0 * K + G)
+
+
+def _poisson(K: float, G: float) -> float:
+    return (3.0 * K - 2.0 * G) / (2.0 * (3.0 * K + G))
+
+
+def read_material(path: Path) -> Material:
+    """Read a material file; values may be plain numbers, and E and nu may stand for mu and lam.
+
+    Raises:
+        ValueError: one line that says what is wrong with the file.
+    """
+    content = read_mapping(path)
+    try:
+        return _parse(content)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _parse(content: dict[str, Any]) -> Material:
+    version = content.get("form_drake_material")
+    if version != VERSION:
+        raise ValueError(
+            f"form_drake_material is {version!r}; this release reads version {VERSION}"
+        )
+    unknown = set(content) - {"form_drake_material", "law", "density", "parameters", "covariance"}
+    if unknown:
+        raise ValueError(f"unknown entries {', '.join(sorted(map(str, unknown)))}")
+    law = law_named(str(content.get("law")))
+    entries = content.get("parameters")
+    if not isinstance(entries, dict):
+        raise ValueError("'parameters' must map names to values")
+    values = {}
+    for key, entry in entries.items():
+        if isinstance(entry, dict) and entry.get("derived"):
+            continue
+        values[str(key)] = _entry(law, str(key), entry)
+    density = content.get("density")
+    if density is not None:
+        density = finite("density", density["value"] if isinstance(density, dict) else density)
+        if density <= 0:
+            raise ValueError(f"density: must be positive, got {density}")
+    keys, covariance = _covariance(law, content.get("covariance"))
+    return Material(law, checked_values(law, values), density, keys, covariance)
+
+
+def _entry(law: Law, key: str, entry: Any) -> float:
+    if not isinstance(entry, dict):
+        return finite(key, entry)
+    unit = {"E": "Pa", "nu": "-"}.get(key) if key not in law.keys else law.unit(key)
+    if unit is not None and entry.get("unit", unit) != unit:
+        raise ValueError(f"{key}: the unit is {unit}, got {entry['unit']!r}")
+    return finite(key, entry.get("value"))
+
+
+def _covariance(law: Law, entry: Any) -> tuple[tuple[str, ...], np.ndarray]:
+    if entry is None:
+        return (), np.zeros((0, 0))
+    keys = tuple(entry.get("keys", ())) if isinstance(entry, dict) else ()
+    try:
+        matrix = np.array(entry["values"], dtype=float)
+    except (TypeError, KeyError, ValueError):
+        matrix = np.zeros(0)
+    if not keys or not set(keys) <= set(law.keys) or matrix.shape != (len(keys), len(keys)):
+        raise ValueError("covariance: 'keys' and a square matrix 'values' of that size are wanted")
+    if not np.isfinite(matrix).all():
+        raise ValueError("covariance: values must be finite")
+    return keys, matrix

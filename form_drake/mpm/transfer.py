@@ -1,0 +1,319 @@
+"""Particle-to-grid and grid-to-particle transfer (APIC, quadratic B-splines), as Warp kernels.
+
+The grid holds (momentum, mass) in one ``vec4`` per node; after the grid step (velocity, mass).
+Loops over the 27 nodes are factored: what depends on one axis is summed along that axis first.
+``exact`` uses the spline gradient for force and velocity gradient (the paper's shared basis, eq. 8);
+``mls`` uses 4/dx^2 w (x_i - x_p), the gradient of the moving-least-squares MPM (Hu et al. 2018).
+"""
+
+from functools import cache
+
+import warp as wp
+
+from form_drake.basis import base_node, gradients, weights
+from form_drake.laws.kernels import types
+
+
+@cache
+def stencil(precision: str):
+    """Warp functions (x, 1/dx, nodes) -> first node, clamped to the grid, and the local offset."""
+    t = types(precision)
+
+    @wp.func
+    def first(x: t.vec3, inverse_dx: t.real, nodes: wp.vec3i):
+        b = base_node(x * inverse_dx)
+        return wp.vec3i(
+            wp.clamp(b[0], 0, nodes[0] - 3),
+            wp.clamp(b[1], 0, nodes[1] - 3),
+            wp.clamp(b[2], 0, nodes[2] - 3),
+        )
+
+    @wp.func
+    def offset(x: t.vec3, inverse_dx: t.real, b: wp.vec3i):
+        return x * inverse_dx - t.vec3(t.real(b[0]), t.real(b[1]), t.real(b[2]))
+
+    return first, offset
+
+
+@wp.func
+def node_index(i: int, j: int, k: int, nodes: wp.vec3i):
+    """Place of node (i, j, k) in the flat grid."""
+    return (i * nodes[1] + j) * nodes[2] + k
+
+
+@cache
+def p2g(gradient: str, precision: str):
+    """Kernel that scatters mass, momentum and the impulse dt f of the Kirchhoff stress tau."""
+    t = types(precision)
+    real, vec3, vec4 = t.real, t.vec3, t.vec4
+    first, offset = stencil(precision)
+
+    @wp.func
+    def column(a: t.mat, k: int):
+        return vec4(a[0, k], a[1, k], a[2, k], real(0.0))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def mls(
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        tau: wp.array(dtype=t.mat),
+        mass: wp.array(dtype=real),
+        volume: wp.array(dtype=real),
+        clock: wp.array(dtype=vec4),
+        dx: real,
+        nodes: wp.vec3i,
+        grid: wp.array(dtype=vec4),
+    ):
+        p = wp.tid()
+        inverse = real(1.0) / dx
+        b = first(x[p], inverse, nodes)
+        f = offset(x[p], inverse, b)
+        w = weights(f)
+        m = mass[p]
+        dt = clock[0][0]
+        affine = dx * (m * C[p] - (real(4.0) * inverse * inverse * dt * volume[p]) * tau[p])
+        along0 = column(affine, 0)
+        along1 = column(affine, 1)
+        along2 = column(affine, 2)
+        u = m * v[p] - affine * f
+        start = vec4(u[0], u[1], u[2], m)
+        for i in range(3):
+            at_i = start + real(int(i)) * along0
+            for j in range(3):
+                at_j = at_i + real(int(j)) * along1
+                wij = w[i, 0] * w[j, 1]
+                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                for k in range(3):
+                    wp.atomic_add(grid, n + k, (wij * w[k, 2]) * (at_j + real(int(k)) * along2))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def exact(
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        tau: wp.array(dtype=t.mat),
+        mass: wp.array(dtype=real),
+        volume: wp.array(dtype=real),
+        clock: wp.array(dtype=vec4),
+        dx: real,
+        nodes: wp.vec3i,
+        grid: wp.array(dtype=vec4),
+    ):
+        p = wp.tid()
+        inverse = real(1.0) / dx
+        b = first(x[p], inverse, nodes)
+        f = offset(x[p], inverse, b)
+        w = weights(f)
+        g = gradients(f, inverse)
+        m = mass[p]
+        impulse = (-clock[0][0] * volume[p]) * tau[p]
+        force0 = column(impulse, 0)
+        force1 = column(impulse, 1)
+        force2 = column(impulse, 2)
+        affine = (dx * m) * C[p]
+        along0 = column(affine, 0)
+        along1 = column(affine, 1)
+        along2 = column(affine, 2)
+        u = m * v[p] - affine * f
+        start = vec4(u[0], u[1], u[2], m)
+        for i in range(3):
+            at_i = start + real(int(i)) * along0
+            for j in range(3):
+                wij = w[i, 0] * w[j, 1]
+                at_j = wij * (at_i + real(int(j)) * along1)
+                at_j += (g[i, 0] * w[j, 1]) * force0 + (w[i, 0] * g[j, 1]) * force1
+                slope = wij * along2
+                push = wij * force2
+                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                for k in range(3):
+                    wp.atomic_add(
+                        grid, n + k, w[k, 2] * (at_j + real(int(k)) * slope) + g[k, 2] * push
+                    )
+
+    return {"mls": mls, "exact": exact}[gradient]
+
+
+@cache
+def g2p(gradient: str, precision: str):
+    """Kernel that gathers v, C and L, steps F to its trial value and moves the particles.
+
+    For ``mls`` L is C and its array is not written. ``fault`` receives the first particle that is
+    not finite or leaves the domain, and the step.
+    """
+    t = types(precision)
+    real, vec3, vec4 = t.real, t.vec3, t.vec4
+    first, offset = stencil(precision)
+
+    @wp.func
+    def moved(x: vec3, u: vec3, dt: real, low: vec3, high: vec3, held: wp.bool):
+        new = x + dt * u
+        if held:
+            new = wp.min(wp.max(new, low), high)
+        return new
+
+    @wp.func
+    def lost(x: vec3, low: vec3, high: vec3):
+        inside = x[0] >= low[0] and x[1] >= low[1] and x[2] >= low[2]
+        return not (inside and x[0] <= high[0] and x[1] <= high[1] and x[2] <= high[2])
+
+    @wp.func
+    def outer(a: vec4, b: vec4, c: vec4):
+        return wp.matrix_from_cols(
+            vec3(a[0], a[1], a[2]), vec3(b[0], b[1], b[2]), vec3(c[0], c[1], c[2])
+        )
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def mls(
+        grid: wp.array(dtype=vec4),
+        clock: wp.array(dtype=vec4),
+        dx: real,
+        nodes: wp.vec3i,
+        low: vec3,
+        high: vec3,
+        held: wp.bool,
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        F: wp.array(dtype=t.mat),
+        fault: wp.array(dtype=int),
+        steps: wp.array(dtype=int),
+    ):
+        p = wp.tid()
+        inverse = real(1.0) / dx
+        b = first(x[p], inverse, nodes)
+        f = offset(x[p], inverse, b)
+        w = weights(f)
+        total = vec4()
+        m0 = vec4()
+        m1 = vec4()
+        m2 = vec4()
+        for i in range(3):
+            along = vec4()
+            along1 = vec4()
+            for j in range(3):
+                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                middle = w[1, 2] * grid[n + 1]
+                last = w[2, 2] * grid[n + 2]
+                here = w[0, 2] * grid[n] + middle + last
+                along += w[j, 1] * here
+                along1 += (real(int(j)) * w[j, 1]) * here
+                m2 += (w[i, 0] * w[j, 1]) * (middle + real(2.0) * last)
+            total += w[i, 0] * along
+            m0 += (real(int(i)) * w[i, 0]) * along
+            m1 += w[i, 0] * along1
+        u = vec3(total[0], total[1], total[2])
+        dt = clock[0][0]
+        new_C = (real(4.0) * inverse) * (outer(m0, m1, m2) - wp.outer(u, f))
+        v[p] = u
+        C[p] = new_C
+        F[p] = F[p] + dt * (new_C * F[p])
+        new = moved(x[p], u, dt, low, high, held)
+        if lost(new, low, high):
+            if wp.atomic_cas(fault, 0, -1, p) == -1:
+                fault[1] = steps[0]
+            new = x[p]
+        x[p] = new
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def exact(
+        grid: wp.array(dtype=vec4),
+        clock: wp.array(dtype=vec4),
+        dx: real,
+        nodes: wp.vec3i,
+        low: vec3,
+        high: vec3,
+        held: wp.bool,
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        F: wp.array(dtype=t.mat),
+        fault: wp.array(dtype=int),
+        steps: wp.array(dtype=int),
+    ):
+        p = wp.tid()
+        inverse = real(1.0) / dx
+        b = first(x[p], inverse, nodes)
+        f = offset(x[p], inverse, b)
+        w = weights(f)
+        g = gradients(f, inverse)
+        total = vec4()
+        m0 = vec4()
+        m1 = vec4()
+        m2 = vec4()
+        l0 = vec4()
+        l1 = vec4()
+        l2 = vec4()
+        for i in range(3):
+            along = vec4()
+            along1 = vec4()
+            slope1 = vec4()
+            for j in range(3):
+                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                v0 = grid[n]
+                v1 = grid[n + 1]
+                v2 = grid[n + 2]
+                middle = w[1, 2] * v1
+                last = w[2, 2] * v2
+                here = w[0, 2] * v0 + middle + last
+                wij = w[i, 0] * w[j, 1]
+                along += w[j, 1] * here
+                along1 += (real(int(j)) * w[j, 1]) * here
+                slope1 += g[j, 1] * here
+                m2 += wij * (middle + real(2.0) * last)
+                l2 += wij * (g[0, 2] * v0 + g[1, 2] * v1 + g[2, 2] * v2)
+            total += w[i, 0] * along
+            m0 += (real(int(i)) * w[i, 0]) * along
+            m1 += w[i, 0] * along1
+            l0 += g[i, 0] * along
+            l1 += w[i, 0] * slope1
+        u = vec3(total[0], total[1], total[2])
+        dt = clock[0][0]
+        new_L = outer(l0, l1, l2)
+        v[p] = u
+        C[p] = (real(4.0) * inverse) * (outer(m0, m1, m2) - wp.outer(u, f))
+        L[p] = new_L
+        F[p] = F[p] + dt * (new_L * F[p])
+        new = moved(x[p], u, dt, low, high, held)
+        if lost(new, low, high):
+            if wp.atomic_cas(fault, 0, -1, p) == -1:
+                fault[1] = steps[0]
+            new = x[p]
+        x[p] = new
+
+    return {"mls": mls, "exact": exact}[gradient]
+
+
+@cache
+def gather(precision: str):
+    """Kernel: value per mass of the nodes, sum_i w_i g_i / (m_i + eps), at the particles."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+    first, offset = stencil(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        x: wp.array(dtype=vec3),
+        grid: wp.array(dtype=t.vec4),
+        eps: real,
+        dx: real,
+        nodes: wp.vec3i,
+        out: wp.array(dtype=vec3),
+    ):
+        p = wp.tid()
+        inverse = real(1.0) / dx
+        b = first(x[p], inverse, nodes)
+        w = weights(offset(x[p], inverse, b))
+        total = vec3()
+        for i in range(3):
+            for j in range(3):
+                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                for k in range(3):
+                    g = grid[n + k]
+                    scale = w[i, 0] * w[j, 1] * w[k, 2] / (g[3] + eps)
+                    total += scale * vec3(g[0], g[1], g[2])
+        out[p] = total
+
+    return kernel

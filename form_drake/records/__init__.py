@@ -1,0 +1,36 @@
+"""Recordings of interactions, and readers of trajectories from elsewhere."""
+
+from pathlib import Path
+
+from form_drake.records.hdf5 import read_recording, write_recording
+from form_drake.records.nclaw import read_nclaw
+from form_drake.records.recording import Camera, Recording, States, Stream
+from form_drake.records.solver import Solver, Wall
+
+READERS = {".h5": read_recording, ".hdf5": read_recording, ".npz": read_nclaw}
+
+
+def read(path: Path) -> Recording:
+    """A recording from a file, by its suffix.
+
+    Raises:
+        ValueError: unknown suffix, or what is wrong with the file.
+    """
+    path = Path(path)
+    if path.suffix not in READERS:
+        raise ValueError(f"{path}: a recording ends in {', '.join(READERS)}, not {path.suffix!r}")
+    return READERS[path.suffix](path)
+
+
+__all__ = [
+    "Camera",
+    "Recording",
+    "Solver",
+    "States",
+    "Stream",
+    "Wall",
+    "read",
+    "read_nclaw",
+    "read_recording",
+    "write_recording",
+]

@@ -1,0 +1,189 @@
+"""Recordings as HDF5 files: written whole, read with every check before a value is used."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from form_drake.files import existing, whole
+from form_drake.records.recording import VERSION, Camera, Recording, States, Stream
+from form_drake.records.solver import Solver, Wall
+
+LARGEST = 8_000_000_000
+TEXTS = ("known", "geometry", "contact")
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write the file, whole."""
+    with whole(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["form_drake_recording"] = VERSION
+        file.attrs["source"] = recording.source
+        file.attrs["noise"] = "unknown" if recording.noise is None else recording.noise
+        for name in ("density", "law"):
+            if getattr(recording, name) is not None:
+                file.attrs[name] = getattr(recording, name)
+        for name in TEXTS:
+            file.attrs[name] = json.dumps(dict(getattr(recording, name)))
+        if recording.solver is not None:
+            file.attrs["solver"] = json.dumps(asdict(recording.solver))
+        _write_arrays(file, recording)
+        if recording.states is not None:
+            _write_arrays(file, recording.states)
+        _write_streams(file, recording)
+        for name, camera in recording.cameras.items():
+            for key, value in asdict(camera).items():
+                file[f"cameras/{name}/{key}"] = np.asarray(value)
+
+
+def _write_arrays(file: h5py.File, record: Any) -> None:
+    for f in fields(record):
+        value = getattr(record, f.name)
+        if "place" not in f.metadata or value is None:
+            continue
+        dataset = file.create_dataset(f.metadata["place"], data=value, compression="gzip")
+        dataset.attrs["unit"] = f.metadata["unit"]
+        dataset.attrs["dims"] = " ".join(f.metadata["dims"])
+
+
+def _write_streams(file: h5py.File, recording: Recording) -> None:
+    streams: dict[str, Stream] = {f"poses/{k}": s for k, s in recording.poses.items()}
+    streams |= {f"forces/{k}": s for k, s in recording.forces.items()}
+    if recording.joints is not None:
+        streams["joints"] = recording.joints
+    for place, stream in streams.items():
+        file[f"{place}/time"], file[f"{place}/value"] = stream.time, stream.value
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording.
+
+    Raises:
+        ValueError: one line that says what is wrong with the file.
+    """
+    existing(path)
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file)
+    except (OSError, RuntimeError, KeyError, TypeError) as error:
+        detail = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: not a readable HDF5 file ({detail})") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _read(file: h5py.File) -> Recording:
+    version = file.attrs.get("form_drake_recording")
+    if version != VERSION:
+        raise ValueError(
+            f"form_drake_recording is {version!r}; this release reads version {VERSION}"
+        )
+    _refuse_hostile(file)
+    values = _read_arrays(file, Recording)
+    noise = file.attrs.get("noise", "unknown")
+    values["noise"] = None if _text(noise) == "unknown" else float(noise)
+    values["density"] = float(file.attrs["density"]) if "density" in file.attrs else None
+    values["law"] = _text(file.attrs["law"]) if "law" in file.attrs else None
+    values["source"] = _text(file.attrs.get("source", ""))
+    for name in TEXTS:
+        values[name] = _mapping(name, file.attrs.get(name, "{}"))
+    values["known"] = {k: float(v) for k, v in values["known"].items()}
+    if "solver" in file.attrs:
+        values["solver"] = read_solver(_mapping("solver", file.attrs["solver"]))
+    if "states" in file:
+        values["states"] = States(**_read_arrays(file, States))
+    values["poses"] = {k: _stream(g) for k, g in file.get("poses", {}).items()}
+    values["forces"] = {k: _stream(g) for k, g in file.get("forces", {}).items()}
+    values["joints"] = _stream(file["joints"]) if "joints" in file else None
+    values["cameras"] = {k: _camera(g) for k, g in file.get("cameras", {}).items()}
+    return Recording(**values)
+
+
+def _refuse_hostile(file: h5py.File) -> None:
+    """Refuse links out of the file, object data and sizes that no recording has."""
+    total = 0
+
+    def visit(group: h5py.Group) -> None:
+        nonlocal total
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise ValueError(f"{group.name}/{name}: links are not followed")
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                visit(item)
+                continue
+            if item.is_virtual or item.external or item.dtype.kind not in "fiub":
+                raise ValueError(f"{item.name}: only plain numbers stored in the file are read")
+            total += item.size * item.dtype.itemsize
+            if total > LARGEST:
+                raise ValueError(f"{item.name}: more than {LARGEST // 10**9} GB of data, not read")
+
+    visit(file)
+
+
+def _read_arrays(file: h5py.File, record: type) -> dict[str, Any]:
+    kinds = {"f": np.float64, "n": np.float64, "i": np.int64, "b": np.bool_}
+    values = {}
+    for f in fields(record):
+        place = f.metadata.get("place")
+        if place is None:
+            continue
+        if place not in file:
+            if "None" not in str(f.type):
+                raise ValueError(f"{place}: missing")
+            continue
+        data = file[place][()]
+        if np.asarray(data).dtype.kind in "fiub":
+            data = np.asarray(data)
+            single = data.dtype == np.float32 and f.metadata["kind"] in "fn"
+            values[f.name] = data if single else data.astype(kinds[f.metadata["kind"]])
+    return values
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _mapping(name: str, value: Any) -> dict[str, Any]:
+    try:
+        mapping = json.loads(_text(value))
+    except json.JSONDecodeError:
+        mapping = None
+    if not isinstance(mapping, dict):
+        raise ValueError(f"{name}: a mapping is wanted, got {_text(value)[:60]!r}")
+    return mapping
+
+
+def read_solver(values: Mapping[str, Any]) -> Solver:
+    """Solver settings from a mapping, as stored in a recording.
+
+    Raises:
+        ValueError: an unknown entry or a value of the wrong type.
+    """
+    known = {f.name for f in fields(Solver)}
+    unknown = set(values) - known
+    if unknown:
+        raise ValueError(f"solver: unknown entries {', '.join(sorted(unknown))}")
+    try:
+        settings = dict(values)
+        settings["nodes"] = tuple(int(n) for n in settings["nodes"])
+        settings["walls"] = tuple(Wall(**w) for w in settings.get("walls", ()))
+        settings["gravity"] = tuple(float(g) for g in settings.get("gravity", (0.0, 0.0, -9.81)))
+        return Solver(**settings)
+    except (TypeError, KeyError) as error:
+        raise ValueError(f"solver: {error}") from None
+
+
+def _stream(group: h5py.Group) -> Stream:
+    return Stream(group["time"][()].astype(float), group["value"][()].astype(float))
+
+
+def _camera(group: h5py.Group) -> Camera:
+    width, height = (int(n) for n in group["size"][()])
+    K, X_WC, distortion = (group[k][()].astype(float) for k in ("K", "X_WC", "distortion"))
+    if K.shape != (3, 3) or X_WC.shape != (4, 4) or distortion.shape != (5,):
+        raise ValueError(f"{group.name}: K [3, 3], X_WC [4, 4] and distortion [5] are wanted")
+    return Camera(K, X_WC, distortion, (width, height))

@@ -1,0 +1,245 @@
+"""What was measured: one ``Recording`` per interaction, in memory and as an HDF5 file.
+
+The table of fields below is the file's layout: every array field names its place in the file, its
+dimensions and its unit once, and reading, writing, checking and printing follow from it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from form_drake.records.solver import Solver
+
+VERSION = 1
+
+
+def array(place: str, dims: str, unit: str, *, default: Any = None, kind: str = "f") -> Any:
+    """A field stored as dataset ``place`` with named dimensions, in ``unit``."""
+    metadata = {"place": place, "dims": tuple(dims.split()), "unit": unit, "kind": kind}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class States:
+    """Full solver states at some steps; consecutive steps make rows of the balance.
+
+    Attributes:
+        step: solver steps, increasing, shape [states].
+        x: positions [m], shape [states, points, 3].
+        v: velocities [m/s], shape [states, points, 3].
+        C: affine velocity matrices [1/s], shape [states, points, 3, 3].
+        F: elastic deformation gradients, shape [states, points, 3, 3].
+        L: velocity gradients [1/s], shape [states, points, 3, 3]; None: equal to C.
+        tau: Kirchhoff stresses [Pa] used in the step that follows, shape [states, points, 3, 3],
+            NaN where not recorded.
+    """
+
+    step: np.ndarray = array("states/step", "states", "-", kind="i")
+    x: np.ndarray = array("states/x", "states points 3", "m")
+    v: np.ndarray = array("states/v", "states points 3", "m/s")
+    C: np.ndarray = array("states/C", "states points 3 3", "1/s")
+    F: np.ndarray = array("states/F", "states points 3 3", "-")
+    L: np.ndarray | None = array("states/L", "states points 3 3", "1/s")
+    tau: np.ndarray | None = array("states/tau", "states points 3 3", "Pa", kind="n")
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Indices of states that are one solver step apart."""
+        where = {int(s): i for i, s in enumerate(self.step)}
+        return [(i, where[s + 1]) for s, i in where.items() if s + 1 in where]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A measured signal with clock readings of its own.
+
+    Attributes:
+        time: stamps [s], shape [samples], increasing.
+        value: samples; poses X_WT are homogeneous matrices [samples, 4, 4], forces f_T_W [N]
+            have shape [samples, 3], joint positions q [rad] shape [samples, joints].
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Calibration of one camera.
+
+    Attributes:
+        K: intrinsic matrix [px], shape [3, 3].
+        X_WC: pose, homogeneous matrix, shape [4, 4].
+        distortion: Brown-Conrady coefficients k1 k2 p1 p2 k3, shape [5].
+        size: width and height [px].
+    """
+
+    K: np.ndarray
+    X_WC: np.ndarray
+    distortion: np.ndarray
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One observed interaction; every field but time and positions may be missing.
+
+    Attributes:
+        time: stamps of the tracked points [s], shape [frames].
+        p_WQ: tracked points in world [m], shape [frames, points, 3].
+        valid: which points were measured, shape [frames, points]; None: all.
+        visible: which points a camera saw, shape [frames, points]; None: not known.
+        face: face of the specimen that a point lies on, -1 inside, shape [points].
+        noise: standard deviation of one coordinate [m]; None: unknown.
+        p_reference: stress-free positions [m], shape [points, 3]; None: those of the first frame.
+        v_0: velocities at the first frame [m/s], shape [points, 3].
+        volume: reference volume of each point [m^3], shape [points].
+        density: mass per reference volume [kg/m^3].
+        gravity: acceleration [m/s^2], shape [3].
+        step: solver step of each frame, shape [frames], where the motion was stepped.
+        solver: how it was stepped.
+        states: full solver states, where recorded.
+        law: declared law class.
+        known: declared parameter values, never one to be identified.
+        poses: X_WT of tools and supports by name.
+        forces: f_T_W by tool name: force of the material on the tool at the tool frame's origin.
+        joints: robot joint positions.
+        cameras: calibration by camera name.
+        geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "size": "..."}.
+        contact: condition per surface: bonded, frictionless or a Coulomb coefficient in words.
+        rest: intervals of rest [s], shape [intervals, 2].
+        source: where the data came from.
+    """
+
+    time: np.ndarray = array("points/time", "frames", "s")
+    p_WQ: np.ndarray = array("points/p_WQ", "frames points 3", "m", kind="n")
+    valid: np.ndarray | None = array("points/valid", "frames points", "-", kind="b")
+    visible: np.ndarray | None = array("points/visible", "frames points", "-", kind="b")
+    face: np.ndarray | None = array("points/face", "points", "-", kind="i")
+    p_reference: np.ndarray | None = array("points/p_reference", "points 3", "m")
+    v_0: np.ndarray | None = array("points/v_0", "points 3", "m/s")
+    volume: np.ndarray | None = array("points/volume", "points", "m^3")
+    gravity: np.ndarray | None = array("gravity", "3", "m/s^2")
+    step: np.ndarray | None = array("points/step", "frames", "-", kind="i")
+    rest: np.ndarray | None = array("rest", "intervals 2", "s")
+    noise: float | None = None
+    density: float | None = None
+    solver: Solver | None = None
+    states: States | None = None
+    law: str | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Stream] = field(default_factory=dict)
+    forces: Mapping[str, Stream] = field(default_factory=dict)
+    joints: Stream | None = None
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    geometry: Mapping[str, str] = field(default_factory=dict)
+    contact: Mapping[str, str] = field(default_factory=dict)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        check_arrays(self, sizes := {})
+        if self.states is not None:
+            check_arrays(self.states, sizes)
+            if np.any(np.diff(self.states.step) <= 0):
+                raise ValueError("states/step: steps must increase")
+        if np.any(np.diff(self.time) <= 0):
+            raise ValueError("points/time: time stamps must increase")
+        if self.step is not None and np.any(np.diff(self.step) <= 0):
+            raise ValueError("points/step: steps must increase")
+        missing = ~np.isfinite(self.p_WQ).all(axis=2)
+        if np.any(missing & (True if self.valid is None else self.valid)):
+            frame, point = np.argwhere(missing)[0]
+            raise ValueError(
+                f"points/p_WQ: frame {frame}, point {point} is not finite; mark it in 'valid'"
+            )
+        for name, positive in (("volume", self.volume), ("density", self.density)):
+            if positive is not None and not np.all(np.asarray(positive) > 0):
+                raise ValueError(f"{name}: must be positive")
+        if self.noise is not None and not self.noise >= 0:
+            raise ValueError(f"noise: must not be negative, got {self.noise}")
+        for streams, shape in ((self.poses, (4, 4)), (self.forces, (3,))):
+            for name, stream in streams.items():
+                check_stream(name, stream, shape)
+        if self.joints is not None:
+            check_stream("joints", self.joints, self.joints.value.shape[1:])
+
+    @classmethod
+    def from_arrays(cls, time: Any, p_WQ: Any, **rest: Any) -> "Recording":
+        """A recording of foreign data: stamps [s], points [m], and any other field by name.
+
+        Example:
+            >>> import numpy as np
+            >>> time = np.linspace(0.0, 1.0, 5)
+            >>> p_WQ = np.zeros((5, 8, 3)) + np.arange(8)[:, None] * 0.01
+            >>> Recording.from_arrays(time, p_WQ, density=1000.0, noise=20e-6).points
+            8
+        """
+        for f in fields(cls):
+            if "kind" in f.metadata and rest.get(f.name) is not None:
+                rest[f.name] = np.asarray(rest[f.name], dtype=_dtype(f.metadata["kind"]))
+        return cls(time=np.asarray(time, dtype=float), p_WQ=np.asarray(p_WQ, dtype=float), **rest)
+
+    @property
+    def points(self) -> int:
+        return self.p_WQ.shape[1]
+
+    @property
+    def frames(self) -> int:
+        return len(self.time)
+
+    @property
+    def reference(self) -> np.ndarray:
+        """Stress-free positions [m], shape [points, 3]."""
+        return self.p_WQ[0] if self.p_reference is None else self.p_reference
+
+
+def _dtype(kind: str) -> Any:
+    return {"f": float, "n": float, "i": np.int64, "b": bool}[kind]
+
+
+def check_arrays(record: Any, sizes: dict[str, int]) -> None:
+    """Check shape, type and finiteness of every array field; kind ``n`` admits NaN.
+
+    Raises:
+        ValueError: naming the field, what was got and what is allowed.
+    """
+    for f in fields(record):
+        if "dims" not in f.metadata:
+            continue
+        value, dims, kind = getattr(record, f.name), f.metadata["dims"], f.metadata["kind"]
+        place = f.metadata["place"]
+        if value is None:
+            if "None" not in str(f.type):
+                raise ValueError(f"{place}: missing")
+            continue
+        kinds = {"f": "f", "n": "f", "i": "iu", "b": "b"}[kind]
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
+            got = getattr(value, "dtype", type(value).__name__)
+            raise ValueError(f"{place}: an array of {_words(kind)} is wanted, got {got}")
+        wanted = tuple(int(d) if d.isdigit() else sizes.get(d, d) for d in dims)
+        fits = value.ndim == len(dims) and all(
+            isinstance(w, str) or w == n for w, n in zip(wanted, value.shape, strict=True)
+        )
+        if not fits or 0 in value.shape:
+            words = ", ".join(str(w) for w in wanted)
+            raise ValueError(f"{place}: shape [{words}] is wanted, got {list(value.shape)}")
+        sizes.update({d: n for d, n in zip(dims, value.shape, strict=True) if not d.isdigit()})
+        if kind == "f" and not np.isfinite(value).all():
+            first = np.argwhere(~np.isfinite(value))[0].tolist()
+            raise ValueError(f"{place}: not finite at index {first}")
+
+
+def _words(kind: str) -> str:
+    return {"f": "numbers", "n": "numbers", "i": "whole numbers", "b": "true or false"}[kind]
+
+
+def check_stream(name: str, stream: Stream, shape: tuple[int, ...]) -> None:
+    """Check one stream's stamps and sample shape."""
+    time, value = np.asarray(stream.time), np.asarray(stream.value)
+    if time.ndim != 1 or value.shape != (len(time), *shape):
+        raise ValueError(
+            f"{name}: samples of shape {[len(time), *shape]} are wanted, got {list(value.shape)}"
+        )
+    if not np.isfinite(time).all() or not np.isfinite(value).all() or np.any(np.diff(time) <= 0):
+        raise ValueError(f"{name}: values must be finite and time stamps must increase")

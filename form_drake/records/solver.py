@@ -1,0 +1,82 @@
+"""How a motion was stepped: the grid, time step, transfer and walls of a material point solver."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Gradient = Literal["exact", "mls"]
+WallKind = Literal["separate", "slip", "stick"]
+
+GRADIENTS = ("exact", "mls")
+WALL_KINDS = ("separate", "slip", "stick")
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane normal to a grid axis.
+
+    Attributes:
+        axis: 0, 1 or 2.
+        side: -1 for a wall below the material, +1 above.
+        position: coordinate of the plane along the axis [m].
+        kind: ``separate`` lets go but not pass and acts on the grid nodes at or behind the
+            plane; ``slip`` and ``stick`` hold the plane itself, wherever it lies between nodes.
+    """
+
+    axis: int
+    side: int
+    position: float
+    kind: WallKind = "separate"
+
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1, 2) or self.side not in (-1, 1):
+            raise ValueError(
+                f"wall axis {self.axis}, side {self.side}: allowed are axes 0, 1, 2 and sides -1, 1"
+            )
+        if self.kind not in WALL_KINDS:
+            raise ValueError(f"wall kind {self.kind!r}: choose one of {', '.join(WALL_KINDS)}")
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Settings of one explicit material point solver.
+
+    Attributes:
+        dx: grid spacing [m]; node i lies at i dx.
+        nodes: number of nodes per axis.
+        dt: time step [s], or None to choose it from the stability limit.
+        gradient: ``exact`` B-spline gradient, or the ``mls`` gradient 4/dx^2 w (x_i - x_p).
+        decomposition: ``series`` without singular values, or ``svd3``.
+        precision: ``float32`` or ``float64``.
+        walls: planes that bound the motion.
+        mass_eps: mass added to every node in the division [kg].
+        margin: distance from the ends of the domain, in cells, at which particles are held;
+            None: a particle that leaves is an error.
+        gravity: acceleration [m/s^2].
+    """
+
+    dx: float
+    nodes: tuple[int, int, int]
+    dt: float | None = None
+    gradient: Gradient = "exact"
+    decomposition: Literal["series", "svd3"] = "series"
+    precision: Literal["float32", "float64"] = "float32"
+    walls: tuple[Wall, ...] = ()
+    mass_eps: float = 0.0
+    margin: float | None = None
+    gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -9.81))
+
+    def __post_init__(self) -> None:
+        checks = {
+            "dx > 0": self.dx > 0,
+            "three node counts from 4 to 2000": len(self.nodes) == 3
+            and all(4 <= n <= 2000 for n in self.nodes),
+            "at most 5e8 nodes": self.nodes[0] * self.nodes[1] * self.nodes[2] <= 5e8,
+            "dt > 0 or none": self.dt is None or self.dt > 0,
+            "gradient exact or mls": self.gradient in GRADIENTS,
+            "decomposition series or svd3": self.decomposition in ("series", "svd3"),
+            "precision float32 or float64": self.precision in ("float32", "float64"),
+            "mass_eps >= 0": self.mass_eps >= 0,
+        }
+        broken = [rule for rule, holds in checks.items() if not holds]
+        if broken:
+            raise ValueError(f"solver settings: {'; '.join(broken)} must hold, got {self}")
