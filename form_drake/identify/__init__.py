@@ -1,0 +1,147 @@
+"""Identification: from a recording to a material with error bars.
+
+``step`` reads consecutive solver steps and is exact; ``rollout`` reads positions only.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from form_drake.identify.rollout import Guess, Rollouts, identify_rollout, rigid_start, thinned
+from form_drake.identify.solve import Identification, Unidentifiable
+from form_drake.identify.start import default_start, is_led, leader
+from form_drake.identify.step import identify_step
+from form_drake.laws import LAWS, Law, law_named
+from form_drake.material import checked_values
+from form_drake.records import Recording
+
+Observe = Literal["full", "no-stress", "positions"]
+
+
+def most_observed(recording: Recording) -> Observe:
+    """The most that a recording holds."""
+    states = recording.states
+    if states is None or not states.pairs():
+        return "positions"
+    stressed = states.tau is not None and np.isfinite(states.tau).any()
+    return "full" if stressed else "no-stress"
+
+
+def declared_law(recording: Recording, name: str | None) -> Law:
+    """The named law, or the one that the recording declares.
+
+    Raises:
+        ValueError: neither is there, or there is no such law.
+    """
+    if name is None and recording.law is None:
+        raise ValueError(f"the recording declares no law: choose --law from {', '.join(LAWS)}")
+    return law_named(name or recording.law)
+
+
+def identify(
+    recording: Recording,
+    law: str | None = None,
+    *,
+    observe: Observe | None = None,
+    stride: int = 1,
+    position_noise: float | None = None,
+    add_noise: float | None = None,
+    initial_velocity: Literal["known", "rigid"] | None = None,
+    start: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | None = None,
+    seed: int = 0,
+) -> Identification:
+    """Identify a material from a recording.
+
+    Args:
+        recording: what was measured.
+        law: name of the law; by default the one that the recording declares.
+        observe: ``full`` (x, v, C, F and stress), ``no-stress`` or ``positions``; by default the
+            most that the recording holds.
+        stride: use every so many frames (positions only).
+        position_noise: states the noise of the positions [m]; by default it is estimated.
+        add_noise: degrades a copy of the positions by this much [m], with ``seed``.
+        initial_velocity: ``known``, or ``rigid`` to find the rigid initial motion as well.
+        start: where the rollouts start; by default a coarse scan decides.
+        known: parameter values that are given.
+        seed: of the added noise.
+
+    Raises:
+        ValueError: the recording or an option is not as needed.
+        Unidentifiable: the motion does not determine some parameters.
+    """
+    chosen = declared_law(recording, law)
+    given = {k: v for k, v in recording.known.items() if k in chosen.keys}
+    given |= checked_values(chosen, known or {})
+    observe = observe or most_observed(recording)
+    if observe != "positions":
+        flags = {
+            "stride": stride != 1,
+            "add_noise": add_noise is not None,
+            "initial_velocity": initial_velocity == "rigid",
+            "start": bool(start),
+        }
+        set_flags = [f"--{k.replace('_', '-')}" for k, on in flags.items() if on]
+        if set_flags:
+            raise ValueError(
+                f"{', '.join(set_flags)} applies to positions only: add --observe positions"
+            )
+        return identify_step(recording, chosen, observe=observe, known=given)
+    if position_noise is not None:
+        recording = replace(recording, noise=position_noise)
+    recording = thinned(recording, stride)
+    if add_noise is not None:
+        recording = degraded(recording, add_noise, seed)
+    return _identify_positions(recording, chosen, given, start, initial_velocity, add_noise)
+
+
+def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
+    """A copy with independent Gaussian noise [m] on every coordinate; the rest shape stays exact."""
+    if not sigma >= 0:
+        raise ValueError(f"added noise: must not be negative, got {sigma}")
+    noise = np.random.default_rng(seed).normal(0.0, sigma, recording.p_WQ.shape)
+    return replace(recording, p_WQ=recording.p_WQ + noise, p_reference=recording.reference)
+
+
+def _identify_positions(recording, law, given, start, initial_velocity, add_noise):
+    rigid = initial_velocity == "rigid" or recording.v_0 is None
+    if initial_velocity == "known" and recording.v_0 is None:
+        raise ValueError("the recording holds no initial velocities: use --initial-velocity rigid")
+    twist = rigid_start(recording) if rigid else None
+    begun = time.perf_counter()
+    rollouts = Rollouts(recording, law, given)
+    if not start and is_led(recording):
+        leader(recording, law)
+    compiled = time.perf_counter()
+    try:
+        if start:
+            guess = Guess(_checked_start(law, given, start), twist)
+        else:
+            guess = default_start(rollouts, twist)
+        answer = identify_rollout(recording, law, known=given, start=guess, rollouts=rollouts)
+    finally:
+        rollouts.close()
+    details = {**answer.details, "start": guess.values}
+    details["initial_velocity"] = "rigid" if rigid else "known"
+    if add_noise is not None:
+        details["added_noise"] = add_noise
+    times = {"seconds": time.perf_counter() - compiled, "compile_seconds": compiled - begun}
+    return replace(answer, details=details, **times)
+
+
+def _checked_start(law: Law, given: Mapping[str, float], start: Mapping[str, float]):
+    values = checked_values(law, start)
+    sought = [k for k in law.keys if k not in given]
+    missing = [k for k in sought if k not in values]
+    if missing:
+        raise ValueError(f"--start lacks {', '.join(missing)}")
+    bad = [k for k in sought if not values[k] > 0]
+    if bad:
+        raise ValueError(f"--start: {', '.join(bad)} must be positive")
+    return {k: values[k] for k in sought}
+
+
+__all__ = ["Identification", "Observe", "Unidentifiable", "degraded", "identify"]

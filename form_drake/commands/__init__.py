@@ -1,0 +1,21 @@
+"""The verbs of the command line, one frozen dataclass of options each."""
+
+from typing import Annotated
+
+import tyro
+
+from form_drake.commands.bench import Bench
+from form_drake.commands.demo import Demo
+from form_drake.commands.identify import Identify
+from form_drake.commands.inspect import Check, List
+from form_drake.commands.predict import Predict
+
+VERBS = ("demo", "identify", "predict", "check", "list", "bench")
+COMMANDS = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Identify, tyro.conf.subcommand("identify")]
+    | Annotated[Predict, tyro.conf.subcommand("predict")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[List, tyro.conf.subcommand("list")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+)

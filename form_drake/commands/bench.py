@@ -1,0 +1,101 @@
+"""``form-drake bench``: every number that the documents state, one command each."""
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from form_drake.bench import positions, table2
+from form_drake.commands.output import emit, say
+from form_drake.files import write_json
+
+DATA = "FORM_DRAKE_NCLAW"
+
+
+def _folder(data: Path | None) -> Path:
+    """The folder of the shared NCLaw data.
+
+    Raises:
+        ValueError: none is given, or it does not exist.
+    """
+    if data is None and not os.environ.get(DATA):
+        raise ValueError(f"give the folder of the NCLaw data with --data, or set {DATA}")
+    folder = data or Path(os.environ[DATA])
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder")
+    return folder
+
+
+def _finish(
+    name: str, out: Path | None, run: Callable[[Path], dict[str, Any]], table, *, as_json: bool
+) -> None:
+    out = out or Path("runs") / f"bench-{name}" / f"{name}.json"
+    store = out.with_name(out.name + ".cases")
+    result = run(store)
+    write_json(out, result)
+    shutil.rmtree(store, ignore_errors=True)
+    emit(table(result), result, as_json=as_json)
+    say(f"written: {out}")
+
+
+@dataclass(frozen=True)
+class Table2:
+    """The paper's Table II on the shared NCLaw data, with the floors of this solver."""
+
+    data: Path | None = None
+    """Folder of the shared NCLaw data; default: the environment variable FORM_DRAKE_NCLAW."""
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-table2/table2.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+        data = _folder(self.data)
+        run = lambda store: table2.run_table2(data, store=store, only=self.only)  # noqa: E731
+        _finish("table2", self.out, run, table2.table, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Positions only: six wrong starts, then sparse and noisy with coverage of the intervals."""
+
+    data: Path | None = None
+    """Folder of the shared NCLaw data; default: the environment variable FORM_DRAKE_NCLAW."""
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-positions/positions.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    seeds: int = positions.SEEDS
+    """Noise seeds."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+        data = _folder(self.data)
+
+        def run(store: Path) -> dict[str, Any]:
+            return positions.run_positions(data, store=store, only=self.only, seeds=self.seeds)
+
+        _finish("positions", self.out, run, positions.table, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure what the documents state; long benches resume where they were interrupted."""
+
+    case: tyro.conf.OmitSubcommandPrefixes[
+        Annotated[Table2, tyro.conf.subcommand("table2")]
+        | Annotated[Positions, tyro.conf.subcommand("positions")]
+    ]
+
+    def run(self) -> None:
+        """Run the chosen bench."""
+        self.case.run()

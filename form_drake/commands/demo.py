@@ -1,0 +1,43 @@
+"""``form-drake demo``: the main job in one command, without any data."""
+
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+
+from form_drake.commands.output import emit, say
+from form_drake.demo import run_demo
+from form_drake.files import whole_folder
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Throw a soft body of hidden stiffness, identify it, predict an unseen motion, report."""
+
+    seed: int | None = None
+    """Seed of the hidden material, the throws and the noise; default: a fresh one, printed."""
+    out: Path = Path("runs/demo")
+    """Folder to write; an earlier one is replaced as a whole."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the demo and say where the report is."""
+        seed = secrets.randbelow(10**6) if self.seed is None else self.seed
+        if seed < 0:
+            raise ValueError(f"--seed: a whole number from 0 is wanted, got {seed}")
+        say(f"seed {seed}")
+        with whole_folder(self.out) as folder:
+            outcome = run_demo(folder, seed, say)
+        result = {
+            "seed": seed,
+            "identification": outcome.answer.to_json(),
+            "loss_before": outcome.before.loss,
+            "loss_after": outcome.after.loss,
+            "report": str(self.out / "report.html"),
+        }
+        text = (
+            f"{outcome.answer}\nunseen motion: loss {outcome.before.loss:.2e} m^2 before,"
+            f" {outcome.after.loss:.2e} m^2 after identification"
+        )
+        emit(text, result, as_json=self.json)
+        say(f"5/5 open {self.out / 'report.html'}")

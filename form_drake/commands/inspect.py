@@ -1,0 +1,128 @@
+"""``form-drake list`` and ``form-drake check``: what there is, and what a file holds."""
+
+from dataclasses import dataclass, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from form_drake.commands.output import emit
+from form_drake.files import existing
+from form_drake.identify import most_observed
+from form_drake.laws import LAWS
+from form_drake.laws.law import Term
+from form_drake.material import derived, read_material
+from form_drake.records import READERS, Recording, read
+
+
+def material_files() -> dict[str, Path]:
+    """Materials that come with the package, by name."""
+    folder = Path(str(files("form_drake") / "models" / "materials"))
+    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+
+
+@dataclass(frozen=True)
+class List:
+    """List the laws or the materials that come with the package."""
+
+    what: tyro.conf.Positional[Literal["laws", "materials"]]
+    """What to list."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Print the list."""
+        if self.what == "laws":
+            found: dict[str, Any] = {name: _law(name) for name in LAWS}
+            lines = [
+                f"{n:20} {', '.join(e['parameters']):62} {e['stress']}" for n, e in found.items()
+            ]
+        else:
+            found = {n: _material(p) for n, p in material_files().items()}
+            lines = [f"{n:14} {e['law']:20} {e['file']}" for n, e in found.items()]
+        emit("\n".join(lines), {self.what: found}, as_json=self.json)
+
+
+def _law(name: str) -> dict[str, Any]:
+    law = LAWS[name]
+    parameters = {}
+    for p in law.parameters:
+        role = ("given" if p.given else "linear") if isinstance(p, Term) else p.role
+        parameters[p.key] = {"unit": p.unit, "role": role}
+    return {
+        "parameters": parameters,
+        "derived": {k: unit for k, (unit, _) in derived(law).items()},
+        "stress": law.equation,
+    }
+
+
+def _material(path: Path) -> dict[str, Any]:
+    material = read_material(path)
+    return {
+        "law": material.law.name,
+        "parameters": material.to_json(),
+        "density": material.density,
+        "file": str(path),
+    }
+
+
+@dataclass(frozen=True)
+class Check:
+    """Say what a recording or material file holds, or what is wrong with it."""
+
+    file: tyro.conf.Positional[Path]
+    """An .h5 or .npz recording, or a .yaml material."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Read the file with every check and print what it holds."""
+        existing(self.file)
+        if self.file.suffix in READERS:
+            found = {"kind": "recording", **_held(read(self.file))}
+        elif self.file.suffix in (".yaml", ".yml"):
+            found = {"kind": "material", **_material(self.file)}
+        else:
+            allowed = ", ".join([*READERS, ".yaml"])
+            raise ValueError(f"{self.file}: unknown kind of file; known endings: {allowed}")
+        lines = [f"{key:14} {_short(value)}" for key, value in found.items()]
+        emit("\n".join(lines), found, as_json=self.json)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
+        return ", ".join(f"{k} = {v['value']:.6g} {v['unit']}" for k, v in value.items())
+    return str(value)
+
+
+def _held(recording: Recording) -> dict[str, Any]:
+    arrays = {}
+    for record in (recording, recording.states):
+        for f in fields(record) if record is not None else ():
+            value = getattr(record, f.name)
+            if "place" in f.metadata and value is not None:
+                shape = " x ".join(str(n) for n in value.shape)
+                arrays[f.metadata["place"]] = f"{shape} [{f.metadata['unit']}]"
+    solver = recording.solver
+    found: dict[str, Any] = {
+        "source": recording.source,
+        "frames": recording.frames,
+        "points": recording.points,
+        "duration_s": float(recording.time[-1] - recording.time[0]),
+        "law": recording.law or "not declared",
+        "known": dict(recording.known),
+        "noise_m": "unknown" if recording.noise is None else recording.noise,
+        "density": recording.density,
+        "solver": "not stated",
+        "pairs": len(recording.states.pairs()) if recording.states else 0,
+        "observe": most_observed(recording),
+        "streams": [*recording.poses, *recording.forces, *(["joints"] if recording.joints else [])],
+        "arrays": arrays,
+    }
+    if solver is not None:
+        found["solver"] = (
+            f"{solver.nodes} nodes, dx {solver.dx} m, dt {solver.dt} s, {solver.gradient} gradient,"
+            f" {solver.decomposition}, {solver.precision}, {len(solver.walls)} walls"
+        )
+    return found

@@ -1,0 +1,36 @@
+"""How every command speaks: tables or one JSON object on standard output, the rest on standard error."""
+
+import json
+import sys
+from typing import Any
+
+from form_drake.files import plain
+
+
+def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:
+    """Print the table, or the JSON object instead."""
+    print(json.dumps(plain(value), allow_nan=False) if as_json else text)
+
+
+def say(text: str) -> None:
+    """A message to the person, not part of the answer."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def assignments(texts: tuple[str, ...]) -> dict[str, str]:
+    """``NAME=VALUE,NAME=VALUE`` texts as a mapping.
+
+    Raises:
+        ValueError: a part without a name, a value or an equals sign, or a name twice.
+    """
+    found: dict[str, str] = {}
+    for part in ",".join(texts).split(","):
+        if not part.strip():
+            continue
+        name, equals, value = (p.strip() for p in part.partition("="))
+        if not name or not equals or not value:
+            raise ValueError(f"{part.strip()!r}: NAME=VALUE is wanted")
+        if name in found:
+            raise ValueError(f"{name} is given twice")
+        found[name] = value
+    return found

@@ -1,0 +1,29 @@
+"""Particle sets of simple bodies and rigid initial motions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from form_drake.mpm.simulation import Body
+
+
+def block(centre: Sequence[float], size: Sequence[float], spacing: float, density: float) -> Body:
+    """A box filled by a lattice of cells of about ``spacing`` [m], one particle in each centre.
+
+    Args:
+        centre: of the box [m].
+        size: edge lengths [m].
+        spacing: wanted distance of particles [m]; rounded so that the lattice fills the box.
+        density: [kg/m^3].
+    """
+    size = np.asarray(size, dtype=float)
+    counts = np.maximum(1, np.round(size / spacing).astype(int))
+    axes = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
+    unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    volume = np.full(len(unit), float(np.prod(size)) / len(unit))
+    return Body(np.asarray(centre) + unit * size, volume, density)
+
+
+def rigid_velocity(x: np.ndarray, v: Sequence[float], omega: Sequence[float]) -> np.ndarray:
+    """Velocities [m/s] of points moving rigidly about their centroid, shape [points, 3]."""
+    return np.asarray(v) + np.cross(np.asarray(omega), x - x.mean(axis=0))
