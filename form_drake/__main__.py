@@ -5,6 +5,7 @@ import io
 import re
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
 
@@ -23,7 +24,7 @@ def versions() -> str:
     return f"{', '.join(found)}, device {device.alias} ({device.name})"
 
 
-def _parse(arguments: list[str]):
+def _parse(arguments: list[str]) -> Any:
     """The command that the arguments name; a mistake in them is one line and exit code 2."""
     import tyro
 

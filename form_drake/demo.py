@@ -57,7 +57,7 @@ def thrown(material: Material, rng: np.random.Generator, noise: float) -> Record
     simulation.set_material(material.values)
     simulation.reset(body.x, v_0)
     step = np.arange(FRAMES) * FRAME_STEPS
-    p_WQ = simulation.run(step)
+    p_WQ = simulation.run(step.tolist())
     return Recording(
         time=step * DT,
         p_WQ=p_WQ + rng.normal(0.0, noise, p_WQ.shape),

@@ -31,7 +31,12 @@ def _folder(data: Path | None) -> Path:
 
 
 def _finish(
-    name: str, out: Path | None, run: Callable[[Path], dict[str, Any]], table, *, as_json: bool
+    name: str,
+    out: Path | None,
+    run: Callable[[Path], dict[str, Any]],
+    table: Callable[[dict[str, Any]], str],
+    *,
+    as_json: bool,
 ) -> None:
     out = out or Path("runs") / f"bench-{name}" / f"{name}.json"
     store = out.with_name(out.name + ".cases")

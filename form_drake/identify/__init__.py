@@ -6,7 +6,7 @@
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,9 +36,10 @@ def declared_law(recording: Recording, name: str | None) -> Law:
     Raises:
         ValueError: neither is there, or there is no such law.
     """
-    if name is None and recording.law is None:
+    name = name or recording.law
+    if name is None:
         raise ValueError(f"the recording declares no law: choose --law from {', '.join(LAWS)}")
-    return law_named(name or recording.law)
+    return law_named(name)
 
 
 def identify(
@@ -50,8 +51,8 @@ def identify(
     position_noise: float | None = None,
     add_noise: float | None = None,
     initial_velocity: Literal["known", "rigid"] | None = None,
-    start: Mapping[str, float] | None = None,
-    known: Mapping[str, float] | None = None,
+    start: Mapping[str, Any] | None = None,
+    known: Mapping[str, Any] | None = None,
     seed: int = 0,
 ) -> Identification:
     """Identify a material from a recording.
@@ -106,7 +107,14 @@ def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
     return replace(recording, p_WQ=recording.p_WQ + noise, p_reference=recording.reference)
 
 
-def _identify_positions(recording, law, given, start, initial_velocity, add_noise):
+def _identify_positions(
+    recording: Recording,
+    law: Law,
+    given: dict[str, float],
+    start: Mapping[str, Any] | None,
+    initial_velocity: str | None,
+    add_noise: float | None,
+) -> Identification:
     rigid = initial_velocity == "rigid" or recording.v_0 is None
     if initial_velocity == "known" and recording.v_0 is None:
         raise ValueError("the recording holds no initial velocities: use --initial-velocity rigid")
@@ -128,11 +136,13 @@ def _identify_positions(recording, law, given, start, initial_velocity, add_nois
     details["initial_velocity"] = "rigid" if rigid else "known"
     if add_noise is not None:
         details["added_noise"] = add_noise
-    times = {"seconds": time.perf_counter() - compiled, "compile_seconds": compiled - begun}
-    return replace(answer, details=details, **times)
+    seconds = time.perf_counter() - compiled
+    return replace(answer, details=details, seconds=seconds, compile_seconds=compiled - begun)
 
 
-def _checked_start(law: Law, given: Mapping[str, float], start: Mapping[str, float]):
+def _checked_start(
+    law: Law, given: Mapping[str, float], start: Mapping[str, Any]
+) -> dict[str, float]:
     values = checked_values(law, start)
     sought = [k for k in law.keys if k not in given]
     missing = [k for k in sought if k not in values]

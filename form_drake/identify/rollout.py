@@ -17,11 +17,10 @@ import numpy as np
 from tqdm import tqdm
 
 from form_drake.identify.solve import LARGEST_CONDITION, Identification, Unidentifiable
-from form_drake.identify.step import solver_of
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.mpm.simulation import BlowUp, Body, Simulation
-from form_drake.records import Recording
+from form_drake.records import Recording, stepped
 
 HORIZONS = {0.2: 2e-2, 0.4: 3e-3, 1.0: 3e-4}
 MOST_FRAMES = 101
@@ -51,7 +50,8 @@ class Rollouts:
     """Predicts a recording's positions for trial parameters, several at a time."""
 
     def __init__(self, recording: Recording, law: Law, known: Mapping[str, float]):
-        solver = solver_of(recording)
+        stated = stepped(recording)
+        solver = stated.solver
         if recording.step is None or solver.dt is None:
             raise ValueError("the recording states no solver step for its frames")
         self.recording, self.law, self.known = recording, law, dict(known)
@@ -64,10 +64,10 @@ class Rollouts:
         self.sought = [k for k in law.keys if k not in known]
         self.steps = recording.step - recording.step[0]
         self.count = 0
-        body = Body(recording.reference, recording.volume, recording.density)
+        body = Body(recording.reference, stated.volume, stated.density)
         workers = max(1, min(os.cpu_count() or 1, 8))
         self._pool = ThreadPoolExecutor(workers)
-        self._simulations: dict[bool, SimpleQueue] = {}
+        self._simulations: dict[bool, SimpleQueue[Simulation]] = {}
         for rough in (True, False):
             self._simulations[rough] = SimpleQueue()
             chosen = replace(solver, decomposition="series") if rough else solver
@@ -77,6 +77,8 @@ class Rollouts:
     def velocities(self, twist: np.ndarray | None) -> np.ndarray:
         """Initial velocities [m/s], shape [points, 3]."""
         if twist is None:
+            if self.recording.v_0 is None:
+                raise ValueError("the recording holds no initial velocities")
             return self.recording.v_0
         arm = self.recording.reference - self.recording.reference.mean(axis=0)
         return twist[:3] + np.cross(twist[3:], arm)
@@ -186,10 +188,10 @@ class LevenbergMarquardt:
         """Residual and its derivative by central differences."""
         steps = STEP * np.eye(len(vector))
         probes = [vector, *(vector + s for s in steps), *(vector - s for s in steps)]
-        found = self.residuals(probes)
-        if any(r is None for r in found):
-            raise ValueError("the simulation breaks down at the start: give another with --start")
         n = len(vector)
+        found = [r for r in self.residuals(probes) if r is not None]
+        if len(found) < len(probes):
+            raise ValueError("the simulation breaks down at the start: give another with --start")
         pairs = zip(found[1 : n + 1], found[n + 1 :], strict=True)
         return found[0], np.column_stack([(a - b) / (2.0 * STEP) for a, b in pairs])
 
@@ -242,7 +244,7 @@ class LevenbergMarquardt:
         for _ in range(CHORDS):
             step = self._step(normal, J.T @ residual, 0.0)
             (new,) = self.residuals([vector + step])
-            if mean_square(new) >= cost:
+            if new is None or mean_square(new) >= cost:
                 break
             gain, cost = cost - mean_square(new), mean_square(new)
             vector, residual = vector + step, new
@@ -294,7 +296,15 @@ def identify_rollout(
     return _answer(recording, law, rollouts, vector, residual, J, begun)
 
 
-def _answer(recording, law, rollouts, vector, residual, J, begun) -> Identification:
+def _answer(
+    recording: Recording,
+    law: Law,
+    rollouts: Rollouts,
+    vector: np.ndarray,
+    residual: np.ndarray,
+    J: np.ndarray,
+    begun: float,
+) -> Identification:
     keys = rollouts.sought
     scale = np.linalg.norm(J, axis=0)
     names = [*keys, *(TWIST if len(vector) > len(keys) else ())]

@@ -10,7 +10,7 @@ from form_drake.identify.columns import Columns
 from form_drake.identify.rollout import Guess, Rollouts, mean_square
 from form_drake.laws import Law
 from form_drake.mpm.simulation import BlowUp, Body, Simulation, State
-from form_drake.records import Recording
+from form_drake.records import Recording, stepped
 
 SCANNED_E = tuple(10.0**n for n in range(3, 8))
 HORIZON = 0.2
@@ -48,10 +48,10 @@ def scanned(rollouts: Rollouts, twist: np.ndarray | None) -> Guess:
 
 def leader(recording: Recording, law: Law) -> tuple[Simulation, Columns]:
     """A simulation to be led along a recording, and the columns of its balance."""
-    solver = replace(recording.solver, decomposition="series")
-    body = Body(recording.reference, recording.volume, recording.density)
-    mass = recording.volume * recording.density
-    columns = Columns(solver, law, mass, recording.volume, precision=solver.precision)
+    stated = stepped(recording)
+    solver = replace(stated.solver, decomposition="series")
+    body = Body(recording.reference, stated.volume, stated.density)
+    columns = Columns(solver, law, stated.mass, stated.volume, precision=solver.precision)
     return Simulation(solver, law, body), columns
 
 
@@ -87,16 +87,22 @@ def carried(recording: Recording, law: Law, guess: Guess, known: Mapping[str, fl
     return Guess({k: values[k] for k in guess.values}, guess.twist)
 
 
-def _led(recording, simulation, columns, values, free) -> np.ndarray | None:
-    solver, terms = recording.solver, len(columns.law.terms)
-    x = recording.p_WQ
-    velocity = np.diff(x.astype(float), axis=0) / solver.dt
-    simulation.reset(recording.reference, recording.v_0)
+def _led(
+    recording: Recording,
+    simulation: Simulation,
+    columns: Columns,
+    values: dict[str, float],
+    free: list[int],
+) -> np.ndarray | None:
+    assert recording.v_0 is not None
+    terms, x, v_0 = len(columns.law.terms), recording.p_WQ, recording.v_0
+    velocity = np.diff(x.astype(float), axis=0) / simulation.dt
+    simulation.reset(recording.reference, v_0)
     normal, right = np.zeros((terms, terms)), np.zeros(terms)
     try:
         for n in range(min(MOST_STEPS, len(velocity))):
             state: State = simulation.state()
-            v = recording.v_0 if n == 0 else velocity[n - 1]
+            v = v_0 if n == 0 else velocity[n - 1]
             here = (x[n], v, state.C, state.L, state.F)
             A, b, keep = columns.rows(*here, velocity[n], values)
             A, b = A[keep], b[keep]

@@ -1,8 +1,7 @@
 """Identification from consecutive solver steps: exact, and linear in all but shape constants."""
 
 import time
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import warp as wp
@@ -10,27 +9,16 @@ from scipy.optimize import minimize_scalar
 
 from form_drake.identify.columns import Columns
 from form_drake.identify.solve import Identification, LeastSquares, Unidentifiable, least_squares
-from form_drake.laws import Law
-from form_drake.laws.kernels import types
-from form_drake.laws.tensor import deviator, hencky, norm
+from form_drake.laws import Law, Values
+from form_drake.laws.kernels import types, yield_measures
 from form_drake.material import Material
-from form_drake.records import Recording, Solver, States
+from form_drake.records import Recording, Solver, States, Stepped, stepped
 
 SHAPE_RANGE = (1e-3, 1e3)
 SHAPE_GRID = 31
 
-
-def solver_of(recording: Recording) -> Solver:
-    """The recording's solver and particle volumes, checked to be there.
-
-    Raises:
-        ValueError: naming what the recording lacks.
-    """
-    for name in ("solver", "volume", "density"):
-        if getattr(recording, name) is None:
-            raise ValueError(f"the recording states no {name}, which identification needs here")
-    assert recording.solver is not None
-    return recording.solver
+Rows = tuple[np.ndarray, np.ndarray]
+Solved = tuple[LeastSquares, dict[str, float], tuple[str, ...], np.ndarray]
 
 
 def identify_step(
@@ -49,14 +37,14 @@ def identify_step(
         ValueError: the recording lacks what is needed.
         Unidentifiable: the motion does not determine the parameters.
     """
-    solver, states = solver_of(recording), recording.states
+    body, states = stepped(recording), recording.states
     if states is None or not states.pairs():
         raise ValueError("the recording holds no two consecutive solver states")
     started = time.perf_counter()
-    problem = _StepProblem(recording, solver, states, law, observe, known)
+    problem = _StepProblem(body, states, law, observe, known)
     problem.system({k: law.parameter(k).guess[0] for k in problem.shapes})
     if law.radius is not None:
-        strain_and_radius(states.F[0], solver, law)
+        strain_and_radius(states.F[0], body.solver, law)
     compiled = time.perf_counter()
     solution, values, keys, covariance = problem.solve()
     if law.radius is not None:
@@ -78,16 +66,18 @@ def identify_step(
 class _StepProblem:
     """Rows of all recorded steps, for any value of the shape constants."""
 
-    def __init__(self, recording, solver, states, law, observe, known):
+    def __init__(
+        self,
+        body: Stepped,
+        states: States,
+        law: Law,
+        observe: str,
+        known: Mapping[str, float],
+    ):
         self.states, self.law, self.observe, self.known = states, law, observe, dict(known)
-        self.solver = solver
-        self.columns = Columns(
-            solver,
-            law,
-            recording.volume * recording.density,
-            recording.volume,
-            precision=solver.precision,
-        )
+        self.solver = body.solver
+        precision = self.solver.precision
+        self.columns = Columns(self.solver, law, body.mass, body.volume, precision=precision)
         must = [k for k in law.given if k not in known]
         if law.pressure is None:
             must = [k for k in must if k not in [t.key for t in law.terms]]
@@ -112,22 +102,23 @@ class _StepProblem:
                 b = b - self.known[term.key] * A[:, k]
         return A[:, self.free], b
 
-    def _motion(self, constants):
+    def _motion(self, constants: Values) -> Iterator[Rows]:
         s = self.states
         L = s.C if s.L is None else s.L
         for i, j in s.pairs():
             A, b, free = self.columns.rows(s.x[i], s.v[i], s.C[i], L[i], s.F[i], s.v[j], constants)
             yield A[free], b[free]
 
-    def _stress(self, constants):
+    def _stress(self, constants: Values) -> Iterator[Rows]:
         s = self.states
+        assert s.tau is not None
         L = s.C if s.L is None else s.L
         for i in range(len(s.step)):
             if np.isfinite(s.tau[i]).all():
                 T = self.columns.stresses(s.F[i], L[i], constants).astype(float)
                 yield T.reshape(len(T), -1).T, s.tau[i].astype(float).ravel()
 
-    def solve(self):
+    def solve(self) -> Solved:
         """Solution, all values, identified keys and their covariance (shapes last)."""
         if not self.shapes:
             solution = least_squares(*self.system({}), self.free_keys)
@@ -137,7 +128,7 @@ class _StepProblem:
             raise ValueError(f"more than one unknown shape constant: {', '.join(self.shapes)}")
         return self._solve_shape(self.shapes[0])
 
-    def _solve_shape(self, key: str):
+    def _solve_shape(self, key: str) -> Solved:
         """Variable projection over one shape constant, polished by Gauss-Newton on all."""
 
         def misfit(log_c: float) -> float:
@@ -145,7 +136,7 @@ class _StepProblem:
             theta = np.linalg.lstsq(A, b, rcond=None)[0]
             return float(np.sum((b - A @ theta) ** 2))
 
-        grid = np.linspace(*np.log(SHAPE_RANGE), SHAPE_GRID)
+        grid = np.log(np.geomspace(*SHAPE_RANGE, SHAPE_GRID))
         values = np.array([misfit(c) for c in grid])
         best = int(np.argmin(values))
         ends = grid[max(best - 1, 0)], grid[min(best + 1, SHAPE_GRID - 1)]
@@ -154,8 +145,8 @@ class _StepProblem:
         for _ in range(6):
             h = 1e-3 if self.solver.precision == "float32" else 1e-5
             A, b = self.system({key: float(np.exp(log_c))})
-            ends = [self.system({key: float(np.exp(log_c + s * h))}) for s in (1, -1)]
-            predicted = [(A_ @ theta) - (b_ - b) for A_, b_ in ends]
+            nearby = [self.system({key: float(np.exp(log_c + s * h))}) for s in (1, -1)]
+            predicted = [(A_ @ theta) - (b_ - b) for A_, b_ in nearby]
             J = np.column_stack([A, (predicted[0] - predicted[1]) / (2.0 * h)])
             step = least_squares(J, b - A @ theta, [*self.free_keys, key])
             theta = theta + step.theta[:-1]
@@ -170,20 +161,6 @@ class _StepProblem:
             raise Unidentifiable([key], "its effect is below the residual; strain the body more")
         found = {**self.known, **dict(zip(self.free_keys, theta, strict=True)), key: c}
         return step, found, (*self.free_keys, key), covariance
-
-
-@cache
-def _yield_kernel(law: Law, decomposition: str, precision: str):
-    """Kernel F -> (|dev e|, radius at r = 1)."""
-    t, strain, radius = types(precision), hencky(decomposition, precision), law.radius
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def kernel(F: wp.array(dtype=t.mat), unit: t.vec4, out: wp.array(dtype=t.vec3)):
-        i = wp.tid()
-        e = strain(F[i])
-        out[i] = t.vec3(norm(deviator(e)), radius(wp.trace(e), unit), t.real(0.0))
-
-    return kernel
 
 
 def yielding(states: States, solver: Solver, law: Law) -> np.ndarray:
@@ -209,13 +186,15 @@ def strain_and_radius(F: np.ndarray, solver: Solver, law: Law) -> np.ndarray:
     t = types(solver.precision)
     out = wp.zeros(len(F), dtype=t.vec3, device="cpu")
     if len(F):
-        kernel = _yield_kernel(law, solver.decomposition, solver.precision)
+        kernel = yield_measures(law, solver.decomposition, solver.precision)
         inputs = [wp.array(F, dtype=t.mat, device="cpu"), t.vec4(1.0, 0.0, 0.0, 0.0), out]
         wp.launch(kernel, dim=len(F), inputs=inputs, device="cpu")
     return out.numpy()[:, :2].astype(float)
 
 
-def _add_yield(problem: _StepProblem, values, keys, covariance):
+def _add_yield(
+    problem: _StepProblem, values: dict[str, float], keys: tuple[str, ...], covariance: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray]:
     """Adds the yield parameter, radius_constant / its value at a unit parameter, to ``values``."""
     law = problem.law
     (key,) = law.constants("yield")
@@ -227,7 +206,8 @@ def _add_yield(problem: _StepProblem, values, keys, covariance):
     solution: LeastSquares = least_squares(samples[:, 1:], samples[:, 0], [key])
     radius, variance = float(solution.theta[0]), float(solution.covariance[0, 0])
 
-    def unit(at):
+    def unit(at: Values) -> float:
+        assert law.radius_constants is not None
         return law.radius_constants({**at, key: 1.0})[0]
 
     values[key] = radius / unit(values)

@@ -226,3 +226,17 @@ def update(law: Law, decomposition: str, precision: str):
         tau[i] = evaluate(new, L[i], theta, constants[0])
 
     return kernel
+
+
+@cache
+def yield_measures(law: Law, decomposition: str, precision: str):
+    """Kernel F -> (|dev e|, the law's radius at r = (1, 0, 0, 0), 0)."""
+    t, strain, radius = types(precision), hencky(decomposition, precision), law.radius
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(F: wp.array(dtype=t.mat), unit: t.vec4, out: wp.array(dtype=t.vec3)):
+        i = wp.tid()
+        e = strain(F[i])
+        out[i] = t.vec3(norm(deviator(e)), radius(wp.trace(e), unit), t.real(0.0))
+
+    return kernel

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from form_drake.mpm.simulation import Body
 
@@ -24,6 +25,6 @@ def block(centre: Sequence[float], size: Sequence[float], spacing: float, densit
     return Body(np.asarray(centre) + unit * size, volume, density)
 
 
-def rigid_velocity(x: np.ndarray, v: Sequence[float], omega: Sequence[float]) -> np.ndarray:
+def rigid_velocity(x: np.ndarray, v: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Velocities [m/s] of points moving rigidly about their centroid, shape [points, 3]."""
     return np.asarray(v) + np.cross(np.asarray(omega), x - x.mean(axis=0))

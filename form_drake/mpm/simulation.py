@@ -1,7 +1,7 @@
 """An explicit material point simulation: state, steps, snapshots and rollouts."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,6 +189,11 @@ class Simulation:
         self._fault.fill_(-1)
 
     @property
+    def dt(self) -> float:
+        """Current time step [s]."""
+        return self._dt
+
+    @property
     def x(self) -> np.ndarray:
         """Positions [m], shape [particles, 3]."""
         return self._x.numpy().copy()
@@ -288,7 +293,7 @@ class Simulation:
         self._set_dt(duration / steps)
         self.step(steps)
 
-    def run(self, frames: Sequence[int], progress=None) -> np.ndarray:
+    def run(self, frames: Collection[int], progress=None) -> np.ndarray:
         """Positions [m] at the given solver steps, shape [frames, particles, 3].
 
         Frames count from the current state and must not decrease; the step is fixed.

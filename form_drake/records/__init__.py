@@ -4,7 +4,7 @@ from pathlib import Path
 
 from form_drake.records.hdf5 import read_recording, write_recording
 from form_drake.records.nclaw import read_nclaw
-from form_drake.records.recording import Camera, Recording, States, Stream
+from form_drake.records.recording import Camera, Recording, States, Stepped, Stream, stepped
 from form_drake.records.solver import Solver, Wall
 
 READERS = {".h5": read_recording, ".hdf5": read_recording, ".npz": read_nclaw}
@@ -27,10 +27,12 @@ __all__ = [
     "Recording",
     "Solver",
     "States",
+    "Stepped",
     "Stream",
     "Wall",
     "read",
     "read_nclaw",
     "read_recording",
+    "stepped",
     "write_recording",
 ]

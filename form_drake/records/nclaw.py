@@ -113,6 +113,7 @@ def _solver(entry: dict[str, Any]) -> Solver:
         raise ValueError(f"boundary {entry.get('boundary')!r} is not known: {BOUNDARY!r} is")
     nodes, bound = int(finite("grid_cells", entry["grid_cells"])), int(entry["wall_bound"])
     dx = finite("dx", entry["dx"])
+    gx, gy, gz = entry["gravity"]
     walls = tuple(
         Wall(axis, side, position)
         for axis in range(3)
@@ -128,7 +129,7 @@ def _solver(entry: dict[str, Any]) -> Solver:
         walls=walls,
         mass_eps=finite("mass_eps", entry["mass_eps"]),
         margin=finite("position_clip_in_dx", entry["position_clip_in_dx"]),
-        gravity=tuple(finite("gravity", g) for g in entry["gravity"]),
+        gravity=(finite("gravity", gx), finite("gravity", gy), finite("gravity", gz)),
     )
 
 

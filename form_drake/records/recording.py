@@ -138,7 +138,8 @@ class Recording:
     source: str = ""
 
     def __post_init__(self) -> None:
-        check_arrays(self, sizes := {})
+        sizes: dict[str, int] = {}
+        check_arrays(self, sizes)
         if self.states is not None:
             check_arrays(self.states, sizes)
             if np.any(np.diff(self.states.step) <= 0):
@@ -192,6 +193,41 @@ class Recording:
     def reference(self) -> np.ndarray:
         """Stress-free positions [m], shape [points, 3]."""
         return self.p_WQ[0] if self.p_reference is None else self.p_reference
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """What a motion stepped by a solver states of its particles.
+
+    Attributes:
+        solver: how it was stepped.
+        volume: reference volumes [m^3], shape [points].
+        density: mass per reference volume [kg/m^3].
+    """
+
+    solver: Solver
+    volume: np.ndarray
+    density: float
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Particle masses [kg], shape [points]."""
+        return self.volume * self.density
+
+
+def stepped(recording: Recording) -> Stepped:
+    """The recording's solver, volumes and density.
+
+    Raises:
+        ValueError: naming what the recording lacks.
+    """
+    solver, volume, density = recording.solver, recording.volume, recording.density
+    if solver is None:
+        raise ValueError("the recording states no solver, which is needed here")
+    if volume is None or density is None:
+        missing = "volume" if volume is None else "density"
+        raise ValueError(f"the recording states no {missing}, which is needed here")
+    return Stepped(solver, volume, density)
 
 
 def _dtype(kind: str) -> Any:
