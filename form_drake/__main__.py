@@ -5,6 +5,8 @@ import io
 import re
 import sys
 from importlib.metadata import PackageNotFoundError, version
+
+from form_drake.libraries import explained
 from typing import Any
 
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
@@ -64,7 +66,10 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         command = _parse(arguments)
         command.run()
-    except (ValueError, OSError) as error:
+    except (ImportError, OSError) as error:
+        print(f"form-drake: {explained(error)}", file=sys.stderr)
+        return 2
+    except ValueError as error:
         print(f"form-drake: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

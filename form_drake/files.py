@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,61 @@ import numpy as np
 import yaml
 
 LARGEST_TEXT = 4_000_000
+MARK = ".form-drake"
+
+
+class PlainLoader(yaml.SafeLoader):
+    """The safe loader, without aliases: a few of them can stand for gigabytes."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node that is no alias."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not read")
+        return super().compose_node(parent, index)
+
+
+def target(path: Path) -> Path:
+    """``path``, if a file can be put there; to be asked before long work.
+
+    Raises:
+        ValueError: it is a folder, or lies in something that is not a folder or is closed to us.
+    """
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder; a file is wanted")
+    _open_parent(path)
+    return path
+
+
+def target_folder(path: Path) -> Path:
+    """``path``, if a folder can be put there or replaced; to be asked before long work.
+
+    Raises:
+        ValueError: it is a file, lies where nothing can be written, or holds files that no earlier
+            run has made.
+    """
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path} is a file; a folder is wanted: choose another --out")
+    if path.is_dir() and not (path / MARK).is_file() and any(path.iterdir()):
+        raise ValueError(
+            f"{path} holds files that no earlier run has made; it is replaced as a whole: remove it"
+            " or choose another --out"
+        )
+    _open_parent(path.resolve())
+    return path
+
+
+def _open_parent(path: Path) -> None:
+    parent = next(p for p in path.absolute().parents if p.exists())
+    if not parent.is_dir():
+        raise ValueError(f"{path}: {parent} is not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise ValueError(f"{path}: {parent} is not writable")
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place when the block succeeds."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    target(path).parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
@@ -35,17 +85,22 @@ def whole(path: Path) -> Iterator[Path]:
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """A temporary folder beside ``path`` that replaces it, as a whole, when the block succeeds."""
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"{path} is a file; a folder is wanted: choose another --out")
+    path = target_folder(path).resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     temporary.chmod(0o755)
     old = temporary.with_name(temporary.name + ".old")
     try:
         yield temporary
+        (temporary / MARK).write_text(f"{version('form-drake')}\n", encoding="utf-8")
         if path.exists():
             path.rename(old)
-        temporary.rename(path)
+        try:
+            temporary.rename(path)
+        except OSError:
+            if old.exists():
+                old.rename(path)
+            raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
@@ -72,9 +127,10 @@ def plain(value: Any) -> Any:
     return value
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file whole; values that are not finite are refused."""
-    write_text(path, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+def write_json(path: Path, value: dict[str, Any]) -> None:
+    """Write a JSON object whole, with this package's version; it must hold finite numbers only."""
+    content = {"form_drake": version("form-drake"), **value}
+    write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
 
 def existing(path: Path) -> Path:
@@ -104,6 +160,8 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a text file ({error.reason})") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -114,8 +172,8 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """
     text = read_text(path)
     try:
-        value = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (json.JSONDecodeError, yaml.YAMLError, RecursionError) as error:
+        value = json.loads(text) if path.suffix == ".json" else yaml.load(text, PlainLoader)
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
         first = " ".join(str(error).split())[:160]
         raise ValueError(f"{path}: not valid {path.suffix[1:] or 'YAML'} ({first})") from None
     if not isinstance(value, dict):

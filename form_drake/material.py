@@ -16,6 +16,7 @@ from form_drake.laws.plastic import friction_angle
 VERSION = 1
 LAME = ("mu", "lam")
 ENGINEERING = ("E", "nu")
+UNITS = {"E": "Pa", "nu": "-"}
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
@@ -73,10 +74,10 @@ def finite(key: str, value: Any) -> float:
     """
     try:
         number = float(value) if not isinstance(value, bool) else np.nan
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):
-        raise ValueError(f"{key}: a finite number is wanted, got {value!r}")
+        raise ValueError(f"{key}: a finite number is wanted, got {str(value)[:60]!r}")
     return number
 
 
@@ -218,7 +219,7 @@ def _parse(content: dict[str, Any]) -> Material:
     version = content.get("form_drake_material")
     if version != VERSION:
         raise ValueError(
-            f"form_drake_material is {version!r}; this release reads version {VERSION}"
+            f"form_drake_material is {str(version)[:60]!r}; this release reads version {VERSION}"
         )
     unknown = set(content) - {"form_drake_material", "law", "density", "parameters", "covariance"}
     if unknown:
@@ -234,7 +235,7 @@ def _parse(content: dict[str, Any]) -> Material:
         values[str(key)] = _entry(law, str(key), entry)
     density = content.get("density")
     if density is not None:
-        density = finite("density", density["value"] if isinstance(density, dict) else density)
+        density = _number("density", "kg/m^3", density)
         if density <= 0:
             raise ValueError(f"density: must be positive, got {density}")
     keys, covariance = _covariance(law, content.get("covariance"))
@@ -242,24 +243,35 @@ def _parse(content: dict[str, Any]) -> Material:
 
 
 def _entry(law: Law, key: str, entry: Any) -> float:
+    return _number(key, law.unit(key) if key in law.keys else UNITS.get(key), entry)
+
+
+def _number(key: str, unit: str | None, entry: Any) -> float:
+    """A finite number, plain or as a mapping with ``value`` and the right ``unit``."""
     if not isinstance(entry, dict):
         return finite(key, entry)
-    unit = {"E": "Pa", "nu": "-"}.get(key) if key not in law.keys else law.unit(key)
     if unit is not None and entry.get("unit", unit) != unit:
-        raise ValueError(f"{key}: the unit is {unit}, got {entry['unit']!r}")
+        raise ValueError(f"{key}: the unit is {unit}, got {str(entry['unit'])[:60]!r}")
     return finite(key, entry.get("value"))
 
 
 def _covariance(law: Law, entry: Any) -> tuple[tuple[str, ...], np.ndarray]:
     if entry is None:
         return (), np.zeros((0, 0))
-    keys = tuple(entry.get("keys", ())) if isinstance(entry, dict) else ()
+    named = entry.get("keys") if isinstance(entry, dict) else None
+    keys = tuple(str(k) for k in named) if isinstance(named, list) else ()
     try:
         matrix = np.array(entry["values"], dtype=float)
-    except (TypeError, KeyError, ValueError):
+    except (TypeError, KeyError, ValueError, OverflowError):
         matrix = np.zeros(0)
-    if not keys or not set(keys) <= set(law.keys) or matrix.shape != (len(keys), len(keys)):
+    distinct = len(set(keys)) == len(keys) > 0 and set(keys) <= set(law.keys)
+    if not distinct or matrix.shape != (len(keys), len(keys)):
         raise ValueError("covariance: 'keys' and a square matrix 'values' of that size are wanted")
     if not np.isfinite(matrix).all():
         raise ValueError("covariance: values must be finite")
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if np.any(np.diag(matrix) < 0) or np.any(
+        np.abs(matrix - matrix.T) > 1e-9 * np.outer(size, size)
+    ):
+        raise ValueError("covariance: it must be symmetric with a diagonal that is not negative")
     return keys, matrix

@@ -301,7 +301,7 @@ def test_extreme_stretches(name):
 def oracle_stress(name, F):
     """Stress in principal axes by numpy's singular values."""
     p = stored(name)[1]
-    U, s, Vt = np.linalg.svd(F)
+    U, s, _ = np.linalg.svd(F)
     if name == "fixed-corotated":
         principal = 2 * p["mu"] * (s - 1) * s + p["lam"] * (s.prod(1) * (s.prod(1) - 1))[:, None]
     else:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from form_drake.commands.output import assignments, emit, say
-from form_drake.files import whole_folder, write_json
+from form_drake.files import target, target_folder, whole_folder, write_json
 from form_drake.identify import identify
 from form_drake.records import read
 
@@ -44,6 +44,7 @@ class Identify:
     def run(self) -> None:
         """Identify, write the material, print the answer."""
         recording = read(self.recording)
+        out = target(self.out) if self.out else target_folder(Path("runs/identify"))
         answer = identify(
             recording,
             self.law,
@@ -57,13 +58,11 @@ class Identify:
             seed=self.seed,
         )
         if self.out is not None:
-            answer.material.write(self.out)
-            place = self.out
+            answer.material.write(out)
         else:
-            place = Path("runs/identify")
-            with whole_folder(place) as folder:
+            with whole_folder(out) as folder:
                 answer.material.write(folder / "material.yaml")
                 write_json(folder / "result.json", answer.to_json())
-            place = place / "material.yaml"
+            out = out / "material.yaml"
         emit(str(answer), answer.to_json(), as_json=self.json)
-        say(f"written: {place}")
+        say(f"written: {out}")

@@ -17,6 +17,24 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def device(name: str) -> None:
+    """Check that Warp has a device of this name.
+
+    Raises:
+        ValueError: it has none; the message says which there are.
+    """
+    import warp as wp
+
+    try:
+        wp.get_device(name)
+    except ValueError:
+        names = ", ".join(d.alias for d in wp.get_devices())
+        raise ValueError(
+            f"--device {name}: no such device here, only {names}; CUDA needs an NVIDIA GPU and its"
+            " driver"
+        ) from None
+
+
 def assignments(texts: tuple[str, ...]) -> dict[str, str]:
     """``NAME=VALUE,NAME=VALUE`` texts as a mapping.
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import tyro
 from tqdm import tqdm
 
-from form_drake.commands.output import assignments, emit, say
-from form_drake.files import whole_folder, write_json
+from form_drake.commands.output import assignments, device, emit, say
+from form_drake.files import target, target_folder, whole_folder, write_json
 from form_drake.material import read_material
 from form_drake.mpm.prediction import predict
 from form_drake.records import read, write_recording
@@ -33,6 +33,8 @@ class Predict:
     def run(self) -> None:
         """Predict, write the motion, print the loss."""
         material, recording = read_material(self.material), read(self.recording)
+        device(self.device)
+        out = target(self.out) if self.out else target_folder(Path("runs/predict"))
         if self.set:
             material = material.changed(assignments(self.set))
         with tqdm(total=recording.frames, unit="frame", disable=None, delay=2, leave=False) as bar:
@@ -46,15 +48,14 @@ class Predict:
             "frames": prediction.frames,
         }
         if self.out is not None:
-            write_recording(prediction.recording, self.out)
-            place = self.out
+            write_recording(prediction.recording, out)
         else:
-            with whole_folder(Path("runs/predict")) as folder:
+            with whole_folder(out) as folder:
                 write_recording(prediction.recording, folder / "prediction.h5")
                 write_json(folder / "result.json", result)
-            place = Path("runs/predict/prediction.h5")
+            out = out / "prediction.h5"
         text = (
             f"{self.recording.name}: loss {prediction.loss:.3g} m^2 over {prediction.frames} frames"
         )
         emit(text, result, as_json=self.json)
-        say(f"written: {place}")
+        say(f"written: {out}")

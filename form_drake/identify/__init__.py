@@ -10,13 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from form_drake.identify.rollout import Guess, Rollouts, identify_rollout, rigid_start, thinned
+from form_drake.identify.rollout import identify_rollout
 from form_drake.identify.solve import Identification, Unidentifiable
 from form_drake.identify.start import default_start, is_led, leader
 from form_drake.identify.step import identify_step
+from form_drake.identify.trials import Guess, Rollouts, rigid_start
 from form_drake.laws import LAWS, Law, law_named
 from form_drake.material import checked_values
-from form_drake.records import Recording
+from form_drake.records import Recording, degraded, thinned
 
 Observe = Literal["full", "no-stress", "positions"]
 
@@ -67,7 +68,8 @@ def identify(
         add_noise: degrades a copy of the positions by this much [m], with ``seed``.
         initial_velocity: ``known``, or ``rigid`` to find the rigid initial motion as well.
         start: where the rollouts start; by default a coarse scan decides.
-        known: parameter values that are given.
+        known: parameter values that are given; those that the recording declares count too, where
+            they are parameters of the law.
         seed: of the added noise.
 
     Raises:
@@ -97,14 +99,6 @@ def identify(
     if add_noise is not None:
         recording = degraded(recording, add_noise, seed)
     return _identify_positions(recording, chosen, given, start, initial_velocity, add_noise)
-
-
-def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
-    """A copy with independent Gaussian noise [m] on every coordinate; the rest shape stays exact."""
-    if not sigma >= 0:
-        raise ValueError(f"added noise: must not be negative, got {sigma}")
-    noise = np.random.default_rng(seed).normal(0.0, sigma, recording.p_WQ.shape)
-    return replace(recording, p_WQ=recording.p_WQ + noise, p_reference=recording.reference)
 
 
 def _identify_positions(
@@ -154,4 +148,4 @@ def _checked_start(
     return {k: values[k] for k in sought}
 
 
-__all__ = ["Identification", "Observe", "Unidentifiable", "degraded", "identify"]
+__all__ = ["Identification", "Observe", "Unidentifiable", "identify"]

@@ -80,14 +80,16 @@ class Columns:
         kappa = t.real(values.get("kappa", 0.0))
         inputs = [self._put(F, t.mat), self._put(L, t.mat), kappa, s, self._T]
         wp.launch(self._responses, dim=len(F), inputs=inputs, device=self.device)
-        return self._T.numpy()
+        return self._T.numpy().astype(np.float64)
 
     def forces(self, x: np.ndarray, F: np.ndarray, L: np.ndarray, values: Values) -> np.ndarray:
         """Internal force of each term at the nodes [N/unit], shape [terms, nodes, 3]."""
         self.stresses(F, L, values)
         x_ = self._put(x, self._t.vec3)
-        grids = [self._scattered(x_, self._zero3, self._zero33, T).numpy()[:, :3] for T in self._T]
-        return np.array(grids)
+        found = np.empty((len(self.law.terms), len(self._grid), 3))
+        for k in range(len(found)):
+            found[k] = self._scattered(x_, self._zero3, self._zero33, self._T[k]).numpy()[:, :3]
+        return found
 
     def rows(
         self,

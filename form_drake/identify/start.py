@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from form_drake.identify.columns import Columns
-from form_drake.identify.rollout import Guess, Rollouts, mean_square
+from form_drake.identify.trials import Guess, Rollouts, mean_square
 from form_drake.laws import Law
 from form_drake.mpm.simulation import BlowUp, Body, Simulation, State
 from form_drake.records import Recording, stepped

@@ -47,6 +47,9 @@ def identify_step(
         strain_and_radius(states.F[0], body.solver, law)
     compiled = time.perf_counter()
     solution, values, keys, covariance = problem.solve()
+    hidden = np.sqrt(np.diag(covariance)) > np.abs([values[k] for k in keys])
+    if hidden.all():
+        raise Unidentifiable(keys, "the stress is below the residual; strain the body more")
     if law.radius is not None:
         keys, covariance = _add_yield(problem, values, keys, covariance)
     material = Material(law, {k: values[k] for k in law.keys}, recording.density, keys, covariance)
@@ -89,7 +92,7 @@ class _StepProblem:
         self.shapes = [k for k in law.constants("shape") if k not in known]
         self.free = [k for k, t in enumerate(law.terms) if t.key not in known]
         self.free_keys = [law.terms[k].key for k in self.free]
-        if observe == "full" and states.tau is None:
+        if observe == "full" and (states.tau is None or not np.isfinite(states.tau).any()):
             raise ValueError("the recording holds no stresses: use --observe no-stress")
 
     def system(self, shapes: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +118,7 @@ class _StepProblem:
         L = s.C if s.L is None else s.L
         for i in range(len(s.step)):
             if np.isfinite(s.tau[i]).all():
-                T = self.columns.stresses(s.F[i], L[i], constants).astype(float)
+                T = self.columns.stresses(s.F[i], L[i], constants)
                 yield T.reshape(len(T), -1).T, s.tau[i].astype(float).ravel()
 
     def solve(self) -> Solved:

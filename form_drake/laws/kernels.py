@@ -7,7 +7,15 @@ from typing import Any
 import warp as wp
 
 from form_drake.laws.law import Law
-from form_drake.laws.tensor import deviator, exponential, hencky, log_stretches, norm, rotation
+from form_drake.laws.tensor import (
+    deviator,
+    exponential,
+    hencky,
+    hencky_svd3,
+    log_stretches,
+    norm,
+    rotation,
+)
 
 PRECISIONS = {"float32": wp.float32, "float64": wp.float64}
 
@@ -68,24 +76,28 @@ def _no_pressure(J: Any):
 
 @cache
 def point(law: Law, decomposition: str, precision: str):
-    """Warp function (F, L, kappa) -> Point with what the law's responses read."""
+    """Warp function (F, e, L, kappa) -> Point with what the law's responses read."""
     t, Point = types(precision), point_type(precision)
-    rotate = rotation(decomposition) if "rotation" in law.needs else _nothing
-    strain = hencky(decomposition, precision) if "strain" in law.needs else _nothing
+    rotate = rotation(decomposition, precision) if "rotation" in law.needs else _nothing
     pressure = law.pressure or _no_pressure
 
     @wp.func
-    def make(F: t.mat, L: t.mat, kappa: t.real):
+    def make(F: t.mat, e: t.mat, L: t.mat, kappa: t.real):
         q = Point()
         q.F = F
         q.L = L
         q.J = wp.determinant(F)
         q.R = rotate(F)
-        q.e = strain(F)
+        q.e = e
         q.p = kappa * pressure(q.J)
         return q
 
     return make
+
+
+def strain(law: Law, decomposition: str, precision: str):
+    """Warp function F -> Hencky strain, or F itself for a law that reads no strain."""
+    return hencky(decomposition, precision) if "strain" in law.needs else _nothing
 
 
 def bulk_index(law: Law) -> int:
@@ -98,6 +110,7 @@ def bulk_index(law: Law) -> int:
 def responses(law: Law, decomposition: str, precision: str):
     """Kernel (F, L, kappa, s) -> T[k, particle], Kirchhoff stress per unit of each term."""
     t, make = types(precision), point(law, decomposition, precision)
+    measure = strain(law, decomposition, precision)
     functions = tuple(term.response for term in law.terms)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -109,7 +122,7 @@ def responses(law: Law, decomposition: str, precision: str):
         out: wp.array2d(dtype=t.mat),
     ):
         i = wp.tid()
-        q = make(F[i], L[i], kappa)
+        q = make(F[i], measure(F[i]), L[i], kappa)
         for k in range(wp.static(len(functions))):
             out[k, i] = wp.static(functions[k])(q, s)
 
@@ -118,14 +131,14 @@ def responses(law: Law, decomposition: str, precision: str):
 
 @cache
 def stress(law: Law, decomposition: str, precision: str):
-    """Warp function (F, L, theta, s) -> Kirchhoff stress [Pa]."""
+    """Warp function (F, e, L, theta, s) -> Kirchhoff stress [Pa]."""
     t, make = types(precision), point(law, decomposition, precision)
     functions = tuple(term.response for term in law.terms)
     bulk = bulk_index(law)
 
     @wp.func
-    def function(F: t.mat, L: t.mat, theta: wp.array(dtype=t.real), s: t.vec4):
-        q = make(F, L, theta[bulk])
+    def function(F: t.mat, e: t.mat, L: t.mat, theta: wp.array(dtype=t.real), s: t.vec4):
+        q = make(F, e, L, theta[bulk])
         tau = theta[0] * wp.static(functions[0])(q, s)
         for k in range(1, wp.static(len(functions))):
             tau += theta[k] * wp.static(functions[k])(q, s)
@@ -136,22 +149,27 @@ def stress(law: Law, decomposition: str, precision: str):
 
 @cache
 def flow(law: Law, decomposition: str, precision: str):
-    """Warp function (trial F, r) -> F after the step, see ``Law.flow``."""
+    """Warp function (trial F, r) -> F after the step, see ``Law.flow``, and its Hencky strain.
+
+    A law that reads no strain gets F in its place.
+    """
     t = types(precision)
     third = wp.constant(t.real(1.0 / 3.0))
 
     @wp.func
     def elastic(F: t.mat, r: t.vec4):
-        return F
+        return F, F
 
     @wp.func
     def fluid(F: t.mat, r: t.vec4):
-        return wp.pow(wp.determinant(F), third) * wp.identity(n=3, dtype=F.dtype)
+        new = wp.pow(wp.determinant(F), third) * wp.identity(n=3, dtype=F.dtype)
+        return new, new
 
     @wp.func
     def granular(F: t.mat, r: t.vec4):
         J = wp.min(wp.determinant(F), t.real(1.0))
-        return wp.pow(J, third) * wp.identity(n=3, dtype=F.dtype)
+        new = wp.pow(J, third) * wp.identity(n=3, dtype=F.dtype)
+        return new, new
 
     if law.flow == "plastic":
         return _return_svd3(law, t) if decomposition == "svd3" else _return(law, precision)
@@ -160,19 +178,24 @@ def flow(law: Law, decomposition: str, precision: str):
 
 def _return(law: Law, precision: str):
     t, radius = types(precision), law.radius
-    strain, rotate, exp = hencky("series", precision), rotation("series"), exponential(precision)
+    measure, rotate, exp = (
+        hencky("series", precision),
+        rotation("series", precision),
+        exponential(precision),
+    )
 
     @wp.func
     def function(F: t.mat, r: t.vec4):
-        e = strain(F)
+        e = measure(F)
         allowed = radius(wp.trace(e), r)
         d = deviator(e)
         size = norm(d)
         if allowed < t.real(0.0):
-            return rotate(F)
+            return rotate(F), t.real(0.0) * e
         if size > allowed:
-            return exp((allowed / size - t.real(1.0)) * d) * F
-        return F
+            excess = (t.real(1.0) - allowed / size) * d
+            return exp(-excess) * F, e - excess
+        return F, e
 
     return function
 
@@ -181,7 +204,7 @@ def _return_svd3(law: Law, t: Types):
     radius = law.radius
 
     @wp.func
-    def function(F: t.mat, r: t.vec4):
+    def back(F: t.mat, r: t.vec4):
         U, s, V = wp.svd3(F)
         e = log_stretches(s)
         trace = e[0] + e[1] + e[2]
@@ -197,6 +220,11 @@ def _return_svd3(law: Law, t: Types):
             return U * wp.diag(new) * wp.transpose(V)
         return F
 
+    @wp.func
+    def function(F: t.mat, r: t.vec4):
+        new = back(F, r)
+        return new, hencky_svd3(new)
+
     return function
 
 
@@ -208,6 +236,7 @@ def update(law: Law, decomposition: str, precision: str):
     """
     t = types(precision)
     keep, evaluate = flow(law, decomposition, precision), stress(law, decomposition, precision)
+    measure = strain(law, decomposition, precision)
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -219,11 +248,12 @@ def update(law: Law, decomposition: str, precision: str):
         tau: wp.array(dtype=t.mat),
     ):
         i = wp.tid()
-        new = F[i]
         if project[0] != 0:
-            new = keep(new, constants[1])
+            new, e = keep(F[i], constants[1])
             F[i] = new
-        tau[i] = evaluate(new, L[i], theta, constants[0])
+            tau[i] = evaluate(new, e, L[i], theta, constants[0])
+        else:
+            tau[i] = evaluate(F[i], measure(F[i]), L[i], theta, constants[0])
 
     return kernel
 
@@ -231,12 +261,12 @@ def update(law: Law, decomposition: str, precision: str):
 @cache
 def yield_measures(law: Law, decomposition: str, precision: str):
     """Kernel F -> (|dev e|, the law's radius at r = (1, 0, 0, 0), 0)."""
-    t, strain, radius = types(precision), hencky(decomposition, precision), law.radius
+    t, measure, radius = types(precision), hencky(decomposition, precision), law.radius
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(F: wp.array(dtype=t.mat), unit: t.vec4, out: wp.array(dtype=t.vec3)):
         i = wp.tid()
-        e = strain(F[i])
+        e = measure(F[i])
         out[i] = t.vec3(norm(deviator(e)), radius(wp.trace(e), unit), t.real(0.0))
 
     return kernel

@@ -1,7 +1,7 @@
 """Tensor functions of the deformation gradient, as Warp functions generic in precision.
 
-Two decompositions are offered. ``series`` needs no singular values: the rotation by Newton's
-iteration for the polar factor (Higham 1986), the Hencky strain by the inverse hyperbolic tangent
+Two decompositions are offered. ``series`` needs no singular values: the rotation from the
+invariants of the stretch (Cayley-Hamilton), the Hencky strain by the inverse hyperbolic tangent
 series of Z = (b - I)(b + I)^-1. ``svd3`` uses Warp's built-in singular value decomposition with
 stretches clamped at 0.05, as the simulator behind the shared NCLaw data does.
 """
@@ -55,25 +55,36 @@ def hencky_svd3(F: Any):
     return U * wp.diag(log_stretches(s)) * wp.transpose(U)
 
 
-@wp.func
-def rotation_series(F: Any):
-    """Polar rotation of F by Newton's iteration; the SVD answers for inverted F."""
-    J = wp.determinant(F)
-    if J <= type(J)(1.0e-6):
-        return rotation_svd3(F)
-    half = F.dtype(0.5)
-    R = F
-    for _ in range(12):
-        inverse = wp.transpose(wp.inverse(R))
-        scale = wp.sqrt(norm(inverse) / norm(R))
-        new = half * (scale * R + inverse / scale)
-        change = norm(new - R)
-        R = new
-        if change < type(J)(4.0e-4):
-            # quadratic convergence: one more plain step reaches round-off
-            R = half * (R + wp.transpose(wp.inverse(R)))
-            break
-    return R
+def _rotation_series(tolerance: float):
+    """Warp function F -> R without singular values; the SVD answers for inverted F.
+
+    By Cayley-Hamilton R (F^T F + i2 I) = i1 F + cof F, with i1 and i2 the first two invariants of
+    the stretch. i1 is the largest root of a quartic, found by Newton's iteration from its series
+    about equal stretches, and exact to round-off once a relative step is below ``tolerance``.
+    """
+
+    @wp.func
+    def rotate(F: Any):
+        J = wp.determinant(F)
+        if J <= type(J)(1.0e-6):
+            return rotation_svd3(F)
+        half, two = type(J)(0.5), type(J)(2.0)
+        cofactor = wp.matrix_from_rows(
+            wp.cross(F[1], F[2]), wp.cross(F[2], F[0]), wp.cross(F[0], F[1])
+        )
+        C = wp.transpose(F) * F
+        size, area = wp.trace(C), wp.ddot(cofactor, cofactor)
+        i1 = wp.sqrt(type(J)(3.0) * size) * type(J)(0.75) * (type(J)(1.0) + area / (size * size))
+        i2 = half * (i1 * i1 - size)
+        for _ in range(40):
+            step = (i2 * i2 - area - two * J * i1) / (two * (i1 * i2 - J))
+            i1 -= step
+            i2 = half * (i1 * i1 - size)
+            if wp.abs(step) <= type(J)(tolerance) * i1:
+                break
+        return (i1 * F + cofactor) * wp.inverse(C + i2 * wp.identity(n=3, dtype=F.dtype))
+
+    return rotate
 
 
 def _odd_series(terms: int):
@@ -128,9 +139,11 @@ def _exponential(terms: int):
 
 
 @cache
-def rotation(decomposition: str):
-    """Warp function F -> R of the polar decomposition F = R U."""
-    return {"series": rotation_series, "svd3": rotation_svd3}[decomposition]
+def rotation(decomposition: str, precision: str):
+    """Warp function F -> R of the polar decomposition F = R U, exact to round-off."""
+    if decomposition == "svd3":
+        return rotation_svd3
+    return _rotation_series(1.0e-4 if precision == "float32" else 1.0e-8)
 
 
 @cache

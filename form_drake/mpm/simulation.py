@@ -254,10 +254,13 @@ class Simulation:
         """Make steps of the current dt.
 
         Raises:
+            ValueError: there is no material, or no dt yet.
             BlowUp: a particle is not finite or left the domain.
         """
         if self._values is None:
             raise ValueError("the simulation has no material yet: call set_material first")
+        if steps and not self._dt:
+            raise ValueError("the solver states no dt: use advance, which chooses one")
         for _ in range(steps // GRAPH_STEPS):
             wp.capture_launch(self._graphs[GRAPH_STEPS])
         for _ in range(steps % GRAPH_STEPS):

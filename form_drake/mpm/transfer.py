@@ -12,6 +12,7 @@ import warp as wp
 
 from form_drake.basis import base_node, gradients, weights
 from form_drake.laws.kernels import types
+from form_drake.mpm.lanes import lanes, plane, sums
 
 
 @cache
@@ -47,6 +48,7 @@ def p2g(gradient: str, precision: str):
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
     first, offset = stencil(precision)
+    scaled, added, axpy = lanes(precision)
 
     @wp.func
     def column(a: t.mat, k: int):
@@ -77,15 +79,18 @@ def p2g(gradient: str, precision: str):
         along1 = column(affine, 1)
         along2 = column(affine, 2)
         u = m * v[p] - affine * f
-        start = vec4(u[0], u[1], u[2], m)
+        at_i = vec4(u[0], u[1], u[2], m)
         for i in range(3):
-            at_i = start + real(int(i)) * along0
+            at_j = at_i
             for j in range(3):
-                at_j = at_i + real(int(j)) * along1
                 wij = w[i, 0] * w[j, 1]
                 n = node_index(b[0] + i, b[1] + j, b[2], nodes)
+                at_k = at_j
                 for k in range(3):
-                    wp.atomic_add(grid, n + k, (wij * w[k, 2]) * (at_j + real(int(k)) * along2))
+                    wp.atomic_add(grid, n + k, scaled(wij * w[k, 2], at_k))
+                    at_k = added(at_k, along2)
+                at_j = added(at_j, along1)
+            at_i = added(at_i, along0)
 
     @wp.kernel(module="unique", enable_backward=False)
     def exact(
@@ -116,22 +121,57 @@ def p2g(gradient: str, precision: str):
         along1 = column(affine, 1)
         along2 = column(affine, 2)
         u = m * v[p] - affine * f
-        start = vec4(u[0], u[1], u[2], m)
+        at_i = vec4(u[0], u[1], u[2], m)
         for i in range(3):
-            at_i = start + real(int(i)) * along0
+            at_j = at_i
             for j in range(3):
                 wij = w[i, 0] * w[j, 1]
-                at_j = wij * (at_i + real(int(j)) * along1)
-                at_j += (g[i, 0] * w[j, 1]) * force0 + (w[i, 0] * g[j, 1]) * force1
-                slope = wij * along2
-                push = wij * force2
+                push = axpy(g[i, 0] * w[j, 1], force0, scaled(w[i, 0] * g[j, 1], force1))
+                at_k = axpy(wij, at_j, push)
+                slope = scaled(wij, along2)
+                push2 = scaled(wij, force2)
                 n = node_index(b[0] + i, b[1] + j, b[2], nodes)
                 for k in range(3):
-                    wp.atomic_add(
-                        grid, n + k, w[k, 2] * (at_j + real(int(k)) * slope) + g[k, 2] * push
-                    )
+                    wp.atomic_add(grid, n + k, axpy(w[k, 2], at_k, scaled(g[k, 2], push2)))
+                    at_k = added(at_k, slope)
+                at_j = added(at_j, along1)
+            at_i = added(at_i, along0)
 
     return {"mls": mls, "exact": exact}[gradient]
+
+
+@cache
+def _advance(precision: str):
+    """Warp function that moves a particle, or enters it as the first fault of the step."""
+    t = types(precision)
+    vec3 = t.vec3
+
+    @wp.func
+    def lost(x: vec3, low: vec3, high: vec3):
+        inside = x[0] >= low[0] and x[1] >= low[1] and x[2] >= low[2]
+        return not (inside and x[0] <= high[0] and x[1] <= high[1] and x[2] <= high[2])
+
+    @wp.func
+    def advance(
+        p: int,
+        step: vec3,
+        low: vec3,
+        high: vec3,
+        held: wp.bool,
+        x: wp.array(dtype=vec3),
+        fault: wp.array(dtype=int),
+        steps: wp.array(dtype=int),
+    ):
+        new = x[p] + step
+        if held and wp.isfinite(new):
+            new = wp.min(wp.max(new, low), high)
+        if lost(new, low, high):
+            if wp.atomic_cas(fault, 0, -1, p) == -1:
+                fault[1] = steps[0]
+            new = x[p]
+        x[p] = new
+
+    return advance
 
 
 @cache
@@ -144,80 +184,18 @@ def g2p(gradient: str, precision: str):
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
     first, offset = stencil(precision)
+    nine = plane(precision)
+    blend, moment = sums(precision)
+    advance = _advance(precision)
 
     @wp.func
-    def moved(x: vec3, u: vec3, dt: real, low: vec3, high: vec3, held: wp.bool):
-        new = x + dt * u
-        if held:
-            new = wp.min(wp.max(new, low), high)
-        return new
-
-    @wp.func
-    def lost(x: vec3, low: vec3, high: vec3):
-        inside = x[0] >= low[0] and x[1] >= low[1] and x[2] >= low[2]
-        return not (inside and x[0] <= high[0] and x[1] <= high[1] and x[2] <= high[2])
-
-    @wp.func
-    def outer(a: vec4, b: vec4, c: vec4):
+    def columns(a: vec4, b: vec4, c: vec4):
         return wp.matrix_from_cols(
             vec3(a[0], a[1], a[2]), vec3(b[0], b[1], b[2]), vec3(c[0], c[1], c[2])
         )
 
     @wp.kernel(module="unique", enable_backward=False)
-    def mls(
-        grid: wp.array(dtype=vec4),
-        clock: wp.array(dtype=vec4),
-        dx: real,
-        nodes: wp.vec3i,
-        low: vec3,
-        high: vec3,
-        held: wp.bool,
-        x: wp.array(dtype=vec3),
-        v: wp.array(dtype=vec3),
-        C: wp.array(dtype=t.mat),
-        L: wp.array(dtype=t.mat),
-        F: wp.array(dtype=t.mat),
-        fault: wp.array(dtype=int),
-        steps: wp.array(dtype=int),
-    ):
-        p = wp.tid()
-        inverse = real(1.0) / dx
-        b = first(x[p], inverse, nodes)
-        f = offset(x[p], inverse, b)
-        w = weights(f)
-        total = vec4()
-        m0 = vec4()
-        m1 = vec4()
-        m2 = vec4()
-        for i in range(3):
-            along = vec4()
-            along1 = vec4()
-            for j in range(3):
-                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
-                middle = w[1, 2] * grid[n + 1]
-                last = w[2, 2] * grid[n + 2]
-                here = w[0, 2] * grid[n] + middle + last
-                along += w[j, 1] * here
-                along1 += (real(int(j)) * w[j, 1]) * here
-                m2 += (w[i, 0] * w[j, 1]) * (middle + real(2.0) * last)
-            total += w[i, 0] * along
-            m0 += (real(int(i)) * w[i, 0]) * along
-            m1 += w[i, 0] * along1
-        u = vec3(total[0], total[1], total[2])
-        dt = clock[0][0]
-        new_C = (real(4.0) * inverse) * (outer(m0, m1, m2) - wp.outer(u, f))
-        v[p] = u
-        C[p] = new_C
-        F[p] = F[p] + dt * (new_C * F[p])
-        new = moved(x[p], u, dt, low, high, held)
-        if lost(new, low, high):
-            if wp.atomic_cas(fault, 0, -1, p) == -1:
-                fault[1] = steps[0]
-            new = x[p]
-        x[p] = new
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def exact(
+    def kernel(
         grid: wp.array(dtype=vec4),
         clock: wp.array(dtype=vec4),
         dx: real,
@@ -239,51 +217,28 @@ def g2p(gradient: str, precision: str):
         f = offset(x[p], inverse, b)
         w = weights(f)
         g = gradients(f, inverse)
-        total = vec4()
-        m0 = vec4()
-        m1 = vec4()
-        m2 = vec4()
-        l0 = vec4()
-        l1 = vec4()
-        l2 = vec4()
-        for i in range(3):
-            along = vec4()
-            along1 = vec4()
-            slope1 = vec4()
-            for j in range(3):
-                n = node_index(b[0] + i, b[1] + j, b[2], nodes)
-                v0 = grid[n]
-                v1 = grid[n + 1]
-                v2 = grid[n + 2]
-                middle = w[1, 2] * v1
-                last = w[2, 2] * v2
-                here = w[0, 2] * v0 + middle + last
-                wij = w[i, 0] * w[j, 1]
-                along += w[j, 1] * here
-                along1 += (real(int(j)) * w[j, 1]) * here
-                slope1 += g[j, 1] * here
-                m2 += wij * (middle + real(2.0) * last)
-                l2 += wij * (g[0, 2] * v0 + g[1, 2] * v1 + g[2, 2] * v2)
-            total += w[i, 0] * along
-            m0 += (real(int(i)) * w[i, 0]) * along
-            m1 += w[i, 0] * along1
-            l0 += g[i, 0] * along
-            l1 += w[i, 0] * slope1
+        row, layer = nodes[2], nodes[1] * nodes[2]
+        n = node_index(b[0], b[1], b[2], nodes)
+        a0, m0, k0, s0, t0 = nine(grid, n, row, w, g)
+        a1, m1, k1, s1, t1 = nine(grid, n + layer, row, w, g)
+        a2, m2, k2, s2, t2 = nine(grid, n + 2 * layer, row, w, g)
+        total = blend(w, 0, a0, a1, a2)
         u = vec3(total[0], total[1], total[2])
+        moments = columns(moment(w, 0, a1, a2), blend(w, 0, m0, m1, m2), blend(w, 0, k0, k1, k2))
+        affine = (real(4.0) * inverse) * (moments - wp.outer(u, f))
+        rate = affine
+        if wp.static(gradient == "exact"):
+            rate = columns(
+                blend(g, 0, a0, a1, a2), blend(w, 0, s0, s1, s2), blend(w, 0, t0, t1, t2)
+            )
+            L[p] = rate
         dt = clock[0][0]
-        new_L = outer(l0, l1, l2)
         v[p] = u
-        C[p] = (real(4.0) * inverse) * (outer(m0, m1, m2) - wp.outer(u, f))
-        L[p] = new_L
-        F[p] = F[p] + dt * (new_L * F[p])
-        new = moved(x[p], u, dt, low, high, held)
-        if lost(new, low, high):
-            if wp.atomic_cas(fault, 0, -1, p) == -1:
-                fault[1] = steps[0]
-            new = x[p]
-        x[p] = new
+        C[p] = affine
+        F[p] = F[p] + dt * (rate * F[p])
+        advance(p, dt * u, low, high, held, x, fault, steps)
 
-    return {"mls": mls, "exact": exact}[gradient]
+    return kernel
 
 
 @cache

@@ -18,6 +18,7 @@ from form_drake.records.solver import Solver, Wall
 
 NO_WALL = 1 << 30
 DEAD = -2
+NEAREST = 0.5 - 1e-6
 DEEPEST = -2.2
 LARGEST_SUM = 1.6
 SMALLEST_MASS_SHARE = 0.2
@@ -37,8 +38,21 @@ def separating_bounds(solver: Solver) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def fold_table(wall: Wall, dx: float, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+def wall_distance(wall: Wall, dx: float, nodes: int) -> np.ndarray:
+    """Distance of the nodes along the wall's axis from its plane [cells], negative behind it."""
+    return (np.arange(nodes) * dx - wall.position) * -wall.side / dx
+
+
+def fold_table(
+    wall: Wall, dx: float, nodes: int, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Parents and coefficients of every node along the wall's axis.
+
+    Args:
+        wall: a slip or stick wall.
+        dx: grid spacing [m].
+        nodes: number of nodes along the axis.
+        free: which of them no wall of the axis replaces, shape [nodes].
 
     Returns:
         parents, shape [nodes, 2]: node indices, -1 for none; first entry ``DEAD`` deep inside.
@@ -46,14 +60,14 @@ def fold_table(wall: Wall, dx: float, nodes: int) -> tuple[np.ndarray, np.ndarra
         components that slide.
     """
     parents, coefficients = np.full((nodes, 2), -1), np.zeros((nodes, 4))
-    phi = (np.arange(nodes) * dx - wall.position) * -wall.side / dx
-    for g in np.flatnonzero(phi < 0.5 - 1e-6):
-        if phi[g] < DEEPEST:
-            parents[g, 0] = DEAD
-            continue
+    phi = wall_distance(wall, dx, nodes)
+    for g in np.flatnonzero(phi < NEAREST):
         distance = 0.5 if abs(phi[g] + 0.5) < 1e-6 else 1.0
         share = np.clip(1.0 - np.abs(phi - distance), 0.0, None)
-        ahead = np.flatnonzero((share > 1e-9) & (phi >= 0.5 - 1e-6))[:2]
+        ahead = np.flatnonzero((share > 1e-9) & free)[:2]
+        if phi[g] < DEEPEST or len(ahead) == 0:
+            parents[g, 0] = DEAD
+            continue
         w, d = share[ahead], phi[ahead]
         held = phi[g] * w * d / np.sum(w * d * d)
         held *= min(1.0, LARGEST_SUM / max(np.sum(np.abs(held)), 1e-12))
@@ -66,10 +80,14 @@ def fold_table(wall: Wall, dx: float, nodes: int) -> tuple[np.ndarray, np.ndarra
 def fold_tables(solver: Solver) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """``fold_table`` per axis that has a slip or stick wall; two walls of an axis are merged."""
     tables: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-    for wall in solver.walls:
-        if wall.kind == "separate":
-            continue
-        new = fold_table(wall, solver.dx, solver.nodes[wall.axis])
+    folded = [wall for wall in solver.walls if wall.kind != "separate"]
+    for wall in folded:
+        nodes = solver.nodes[wall.axis]
+        free = np.all(
+            [wall_distance(w, solver.dx, nodes) >= NEAREST for w in folded if w.axis == wall.axis],
+            axis=0,
+        )
+        new = fold_table(wall, solver.dx, nodes, free)
         if wall.axis in tables:
             old = tables[wall.axis]
             mine = new[0][:, 0] != -1

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from form_drake.records.degrade import degraded, thinned
 from form_drake.records.hdf5 import read_recording, write_recording
 from form_drake.records.nclaw import read_nclaw
 from form_drake.records.recording import Camera, Recording, States, Stepped, Stream, stepped
@@ -30,9 +31,11 @@ __all__ = [
     "Stepped",
     "Stream",
     "Wall",
+    "degraded",
     "read",
     "read_nclaw",
     "read_recording",
     "stepped",
+    "thinned",
     "write_recording",
 ]

@@ -10,10 +10,14 @@ import h5py
 import numpy as np
 
 from form_drake.files import existing, whole
+from form_drake.material import finite
 from form_drake.records.recording import VERSION, Camera, Recording, States, Stream
 from form_drake.records.solver import Solver, Wall
 
 LARGEST = 8_000_000_000
+LARGEST_RATIO = 1100  # gzip never packs more tightly
+MOST_OBJECTS = 10_000
+DEEPEST = 8
 TEXTS = ("known", "geometry", "contact")
 
 
@@ -68,7 +72,7 @@ def read_recording(path: Path) -> Recording:
     try:
         with h5py.File(path, "r") as file:
             return _read(file)
-    except (OSError, RuntimeError, KeyError, TypeError) as error:
+    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         detail = " ".join(str(error).split())[:120]
         raise ValueError(f"{path}: not a readable HDF5 file ({detail})") from None
     except ValueError as error:
@@ -79,53 +83,64 @@ def _read(file: h5py.File) -> Recording:
     version = file.attrs.get("form_drake_recording")
     if version != VERSION:
         raise ValueError(
-            f"form_drake_recording is {version!r}; this release reads version {VERSION}"
+            f"form_drake_recording is {str(version)[:60]!r}; this release reads version {VERSION}"
         )
     _refuse_hostile(file)
     values = _read_arrays(file, Recording)
     noise = file.attrs.get("noise", "unknown")
-    values["noise"] = None if _text(noise) == "unknown" else float(noise)
-    values["density"] = float(file.attrs["density"]) if "density" in file.attrs else None
+    values["noise"] = None if _text(noise) == "unknown" else finite("noise", noise)
+    if "density" in file.attrs:
+        values["density"] = finite("density", file.attrs["density"])
     values["law"] = _text(file.attrs["law"]) if "law" in file.attrs else None
     values["source"] = _text(file.attrs.get("source", ""))
     for name in TEXTS:
         values[name] = _mapping(name, file.attrs.get(name, "{}"))
-    values["known"] = {k: float(v) for k, v in values["known"].items()}
+    values["known"] = {k: finite(k, v) for k, v in values["known"].items()}
     if "solver" in file.attrs:
         values["solver"] = read_solver(_mapping("solver", file.attrs["solver"]))
     if "states" in file:
         values["states"] = States(**_read_arrays(file, States))
-    values["poses"] = {k: _stream(g) for k, g in file.get("poses", {}).items()}
-    values["forces"] = {k: _stream(g) for k, g in file.get("forces", {}).items()}
+    values["poses"] = {k: _stream(g) for k, g in _groups(file, "poses")}
+    values["forces"] = {k: _stream(g) for k, g in _groups(file, "forces")}
     values["joints"] = _stream(file["joints"]) if "joints" in file else None
-    values["cameras"] = {k: _camera(g) for k, g in file.get("cameras", {}).items()}
+    values["cameras"] = {k: _camera(g) for k, g in _groups(file, "cameras")}
     return Recording(**values)
 
 
 def _refuse_hostile(file: h5py.File) -> None:
-    """Refuse links out of the file, object data and sizes that no recording has."""
-    total = 0
+    """Refuse links, object data, data that are declared only and sizes that no recording has."""
+    total, objects = 0, 0
+    largest = min(LARGEST, 10**8 + LARGEST_RATIO * file.id.get_filesize())
 
-    def visit(group: h5py.Group) -> None:
-        nonlocal total
+    def visit(group: h5py.Group, depth: int) -> None:
+        nonlocal total, objects
         for name in group:
+            objects += 1
+            if objects > MOST_OBJECTS or depth > DEEPEST:
+                raise ValueError(f"{group.name[:60]}: too many or too deep groups, not read")
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 raise ValueError(f"{group.name}/{name}: links are not followed")
             item = group[name]
             if isinstance(item, h5py.Group):
-                visit(item)
+                visit(item, depth + 1)
                 continue
-            if item.is_virtual or item.external or item.dtype.kind not in "fiub":
+            if (
+                not isinstance(item, h5py.Dataset)
+                or item.shape is None
+                or (item.is_virtual or item.external or item.dtype.kind not in "fiub")
+                or (item.size > 0 and item.id.get_storage_size() == 0)
+            ):
                 raise ValueError(f"{item.name}: only plain numbers stored in the file are read")
             total += item.size * item.dtype.itemsize
-            if total > LARGEST:
-                raise ValueError(f"{item.name}: more than {LARGEST // 10**9} GB of data, not read")
+            if total > largest:
+                raise ValueError(f"{item.name}: more than {largest / 1e9:.1f} GB of data, not read")
 
-    visit(file)
+    visit(file, 0)
 
 
 def _read_arrays(file: h5py.File, record: type) -> dict[str, Any]:
     kinds = {"f": np.float64, "n": np.float64, "i": np.int64, "b": np.bool_}
+    allowed = {"f": "fiu", "n": "fiu", "i": "iu", "b": "b"}
     values = {}
     for f in fields(record):
         place = f.metadata.get("place")
@@ -135,12 +150,26 @@ def _read_arrays(file: h5py.File, record: type) -> dict[str, Any]:
             if "None" not in str(f.type):
                 raise ValueError(f"{place}: missing")
             continue
-        data = file[place][()]
-        if np.asarray(data).dtype.kind in "fiub":
-            data = np.asarray(data)
-            single = data.dtype == np.float32 and f.metadata["kind"] in "fn"
-            values[f.name] = data if single else data.astype(kinds[f.metadata["kind"]])
+        data, kind = _data(file, place), f.metadata["kind"]
+        if data.dtype.kind in allowed[kind]:
+            single = data.dtype == np.float32 and kind in "fn"
+            data = data if single else data.astype(kinds[kind])
+        values[f.name] = data
     return values
+
+
+def _data(group: h5py.Group, name: str) -> np.ndarray:
+    item = group[name]
+    if not isinstance(item, h5py.Dataset):
+        raise ValueError(f"{item.name}: an array is wanted, got a group")
+    return np.asarray(item[()])
+
+
+def _groups(file: h5py.File, name: str) -> list[tuple[str, h5py.Group]]:
+    group = file.get(name, {})
+    if isinstance(group, h5py.Dataset):
+        raise ValueError(f"{name}: a group is wanted, got an array")
+    return list(group.items())
 
 
 def _text(value: Any) -> str:
@@ -173,17 +202,32 @@ def read_solver(values: Mapping[str, Any]) -> Solver:
         settings["walls"] = tuple(Wall(**w) for w in settings.get("walls", ()))
         settings["gravity"] = tuple(float(g) for g in settings.get("gravity", (0.0, 0.0, -9.81)))
         return Solver(**settings)
-    except (TypeError, KeyError) as error:
+    except (TypeError, KeyError, OverflowError) as error:
         raise ValueError(f"solver: {error}") from None
 
 
+def _members(group: Any, *names: str) -> list[np.ndarray]:
+    """Arrays of a group as float64.
+
+    Raises:
+        ValueError: it is no group, or lacks one.
+    """
+    lacking = [n for n in names if not isinstance(group, h5py.Group) or n not in group]
+    if lacking:
+        raise ValueError(f"{group.name}: {', '.join(lacking)} is missing")
+    return [_data(group, n).astype(float) for n in names]
+
+
 def _stream(group: h5py.Group) -> Stream:
-    return Stream(group["time"][()].astype(float), group["value"][()].astype(float))
+    return Stream(*_members(group, "time", "value"))
 
 
 def _camera(group: h5py.Group) -> Camera:
-    width, height = (int(n) for n in group["size"][()])
-    K, X_WC, distortion = (group[k][()].astype(float) for k in ("K", "X_WC", "distortion"))
-    if K.shape != (3, 3) or X_WC.shape != (4, 4) or distortion.shape != (5,):
-        raise ValueError(f"{group.name}: K [3, 3], X_WC [4, 4] and distortion [5] are wanted")
-    return Camera(K, X_WC, distortion, (width, height))
+    K, X_WC, distortion, size = _members(group, "K", "X_WC", "distortion", "size")
+    if [a.shape for a in (K, X_WC, distortion, size)] != [(3, 3), (4, 4), (5,), (2,)]:
+        raise ValueError(
+            f"{group.name}: K [3, 3], X_WC [4, 4], distortion [5] and size [2] are wanted"
+        )
+    if not all(np.isfinite(a).all() for a in (K, X_WC, distortion, size)):
+        raise ValueError(f"{group.name}: values must be finite")
+    return Camera(K, X_WC, distortion, (int(size[0]), int(size[1])))

@@ -5,7 +5,10 @@ true parameters, is never looked up. The generator's own rounding is part of its
 is named as it was: float32, Warp's built-in SVD, the moving-least-squares gradient.
 """
 
+import struct
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,17 @@ from form_drake.records.recording import Recording, States
 from form_drake.records.solver import Solver, Wall
 
 LARGEST = 2_000_000_000
+BROKEN = (
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+    struct.error,
+    OSError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+)
 BOUNDARY = "separating free slip, wall nodes i<3 and i>grid_cells-3"
 SHAPES = {
     "x": ("frames", "N", 3),
@@ -46,7 +60,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             _check_headers(path, archive)
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, OSError, EOFError, KeyError) as error:
+    except BROKEN as error:
         detail = " ".join(str(error).split())[:120]
         raise ValueError(f"{path}: not a readable npz file ({detail})") from None
     _check_shapes(path, arrays)
@@ -67,17 +81,29 @@ def _check_headers(path: Path, archive: zipfile.ZipFile) -> None:
                     (2, 0): np.lib.format.read_array_header_2_0,
                 }[version]
                 shape, _, dtype = reader(member)
-            except (ValueError, KeyError, SyntaxError, zipfile.BadZipFile) as error:
-                raise ValueError(f"{path}: {name}: not a plain array ({error})") from None
+                header = member.tell()
+            except (ValueError, TypeError, SyntaxError, tokenize.TokenError, *BROKEN) as error:
+                raise ValueError(
+                    f"{path}: {name}: not a plain array ({str(error)[:120]})"
+                ) from None
         if dtype.hasobject or dtype.kind not in "fi":
             raise ValueError(f"{path}: {name}: numbers are wanted, got {dtype}; never unpickled")
-        total += int(np.prod(shape, dtype=object)) * dtype.itemsize
+        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if header + size != info.file_size:
+            held = info.file_size - header
+            raise ValueError(f"{path}: {name}: declares {size} bytes of data, holds {held}")
+        total += size
         if total > LARGEST:
             raise ValueError(f"{path}: more than {LARGEST // 10**9} GB of data, not read")
 
 
 def _check_shapes(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    for name in ("x", "v0"):
+    wanted_names = {"x", "v0"}
+    if "pair_frames" in arrays:
+        wanted_names |= {"pair_v", "pair_C", "pair_F", "pair_tau"}
+    if "block_frames" in arrays:
+        wanted_names |= {"block_v", "block_C", "block_F"}
+    for name in sorted(wanted_names):
         if name not in arrays:
             raise ValueError(f"{path}: array {name!r} is missing")
     sizes: dict[str, int] = {}
@@ -110,8 +136,10 @@ def read_metadata(path: Path) -> dict[str, Any]:
 
 def _solver(entry: dict[str, Any]) -> Solver:
     if entry.get("boundary") != BOUNDARY:
-        raise ValueError(f"boundary {entry.get('boundary')!r} is not known: {BOUNDARY!r} is")
-    nodes, bound = int(finite("grid_cells", entry["grid_cells"])), int(entry["wall_bound"])
+        raise ValueError(
+            f"boundary {str(entry.get('boundary'))[:80]!r} is not known: {BOUNDARY!r} is"
+        )
+    nodes, bound = (int(finite(k, entry[k])) for k in ("grid_cells", "wall_bound"))
     dx = finite("dx", entry["dx"])
     gx, gy, gz = entry["gravity"]
     walls = tuple(
@@ -169,7 +197,7 @@ def read_nclaw(path: Path) -> Recording:
     frames = arrays.get("frames", np.arange(len(arrays["x"])))
     points = arrays["x"].shape[1]
     try:
-        if int(entry["n_particles"]) != points:
+        if finite("n_particles", entry["n_particles"]) != points:
             raise ValueError(f"{entry['n_particles']} particles stated, the file holds {points}")
         solver = _solver(entry)
         return Recording(

@@ -155,10 +155,15 @@ class Recording:
                 f"points/p_WQ: frame {frame}, point {point} is not finite; mark it in 'valid'"
             )
         for name, positive in (("volume", self.volume), ("density", self.density)):
-            if positive is not None and not np.all(np.asarray(positive) > 0):
-                raise ValueError(f"{name}: must be positive")
-        if self.noise is not None and not self.noise >= 0:
-            raise ValueError(f"noise: must not be negative, got {self.noise}")
+            if positive is not None and not np.all(
+                (np.asarray(positive) > 0) & np.isfinite(positive)
+            ):
+                raise ValueError(f"{name}: must be positive and finite")
+        if self.noise is not None and not 0 <= self.noise < np.inf:
+            raise ValueError(f"noise: must be finite and not negative, got {self.noise}")
+        for name in [*self.poses, *self.forces, *self.cameras]:
+            if not name or "/" in name or name == ".":
+                raise ValueError(f"{name!r} names no stream or camera: it must hold no slash")
         for streams, shape in ((self.poses, (4, 4)), (self.forces, (3,))):
             for name, stream in streams.items():
                 check_stream(name, stream, shape)

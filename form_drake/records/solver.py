@@ -1,6 +1,8 @@
 """How a motion was stepped: the grid, time step, transfer and walls of a material point solver."""
 
+import math
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Literal
 
 Gradient = Literal["exact", "mls"]
@@ -8,6 +10,10 @@ WallKind = Literal["separate", "slip", "stick"]
 
 GRADIENTS = ("exact", "mls")
 WALL_KINDS = ("separate", "slip", "stick")
+
+
+def _finite(*values: object) -> bool:
+    return all(isinstance(v, Real) and math.isfinite(v) for v in values)
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,8 @@ class Wall:
             )
         if self.kind not in WALL_KINDS:
             raise ValueError(f"wall kind {self.kind!r}: choose one of {', '.join(WALL_KINDS)}")
+        if not _finite(self.position):
+            raise ValueError(f"wall position: a finite number is wanted, got {self.position!r}")
 
 
 @dataclass(frozen=True)
@@ -66,11 +74,16 @@ class Solver:
     gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -9.81))
 
     def __post_init__(self) -> None:
+        optional = [v for v in (self.dt, self.margin) if v is not None]
+        if not _finite(self.dx, self.mass_eps, *optional, *self.gravity, *self.nodes):
+            raise ValueError(f"solver settings: finite numbers are wanted, got {self._numbers()}")
         checks = {
+            "three components of gravity": len(self.gravity) == 3,
+            "margin >= 0 or none": self.margin is None or self.margin >= 0,
             "dx > 0": self.dx > 0,
             "three node counts from 4 to 2000": len(self.nodes) == 3
             and all(4 <= n <= 2000 for n in self.nodes),
-            "at most 5e8 nodes": self.nodes[0] * self.nodes[1] * self.nodes[2] <= 5e8,
+            "at most 5e8 nodes": math.prod(self.nodes) <= 5e8,
             "dt > 0 or none": self.dt is None or self.dt > 0,
             "gradient exact or mls": self.gradient in GRADIENTS,
             "decomposition series or svd3": self.decomposition in ("series", "svd3"),
@@ -79,4 +92,10 @@ class Solver:
         }
         broken = [rule for rule, holds in checks.items() if not holds]
         if broken:
-            raise ValueError(f"solver settings: {'; '.join(broken)} must hold, got {self}")
+            raise ValueError(
+                f"solver settings: {'; '.join(broken)} must hold, got {self._numbers()}"
+            )
+
+    def _numbers(self) -> str:
+        found = {k: v for k, v in vars(self).items() if k != "walls"}
+        return ", ".join(f"{k} = {v}" for k, v in found.items())[:300]
