@@ -5,9 +5,9 @@ import io
 import re
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from form_drake.libraries import explained
-from typing import Any
 
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
 

@@ -89,14 +89,8 @@ class Own:
     """The package's solver on the job, with the interface of the peers."""
 
     def __init__(self, job: Job, case: Case, *, device: str = "cpu"):
-        solver = Solver(
-            dx=job.dx,
-            nodes=(job.nodes,) * 3,
-            dt=job.dt,
-            gradient=case.gradient,
-            precision=case.precision,
-            gravity=(0.0, 0.0, 0.0),
-        )
+        how = {"gradient": case.gradient, "precision": case.precision, "gravity": (0.0, 0.0, 0.0)}
+        solver = Solver(dx=job.dx, nodes=(job.nodes,) * 3, dt=job.dt, **how)
         values = {"mu": job.mu, "lam": job.lam, "tau_y": job.tau_y}
         values |= {"C10": job.mu / 2.0, "kappa": job.lam + 2.0 / 3.0 * job.mu}
         law = law_named(case.law)
@@ -203,7 +197,6 @@ def run_speed(
         for key in keys if i % 2 == 0 else reversed(keys):
             windows[key].append(_window(runners[key], steps, device))
         tell(len(keys) + i + 1, total)
-    differences = _differences(runners)
     threads = {}
     if on_cpu:
         threads = _two_threads(block, rounds, steps, lambda i: tell(len(keys) + rounds + i, total))
@@ -213,7 +206,7 @@ def run_speed(
         "clock": "CPU time" if on_cpu else "wall time",
         "job": {"particles": particles, "nodes": block.nodes, "dx": DX, "dt": DT},
         "rounds": rounds,
-        "differences": differences,
+        "differences": _differences(runners),
         "skipped": skipped,
         **threads,
     }
@@ -222,7 +215,7 @@ def run_speed(
 
 def _differences(runners: dict) -> dict[str, float]:
     """Largest distance [m] between the ends of the same job in two codes."""
-    pairs = (("mls", "textbook"), ("mls", "taichi"), ("exact-von-mises", "textbook-von-mises"))
+    pairs = (("mls", "textbook"), ("mls", "taichi"))
     return {
         f"{a}/{b}": float(np.max(np.linalg.norm(runners[a].x - runners[b].x, axis=1)))
         for a, b in pairs
@@ -231,7 +224,10 @@ def _differences(runners: dict) -> dict[str, float]:
 
 
 def _two_threads(block: Job, rounds: int, steps: int, tell: Callable[[int], None]) -> dict:
-    """Speed-up of two simulations in two threads over one after the other."""
+    """Speed-up of two simulations in two threads over one after the other.
+
+    ``cpu`` compares CPU times: the bound that memory and clock set where two cores are free.
+    """
     pair = [Own(block, CASES["exact"]) for _ in range(2)]
     wall, free = [], []
     for i in range(rounds):
@@ -295,6 +291,8 @@ def table(result: dict) -> str:
         goal = "stated" if target["at_least"] is None else f"at least {target['at_least']:g}"
         mark = {True: ", met", False: ", MISSED", None: ""}[target["met"]]
         lines.append(f"{target['ratio']}: {target['value']:.2f} ({goal}{mark})")
+    if "two_threads" in result:
+        lines.append(f"two threads/one by CPU time: {result['two_threads']['cpu']:.2f}")
     for pair, distance in result["differences"].items():
         lines.append(f"{pair}: same motion to {distance:.1e} m")
     return "\n".join(lines)

@@ -4,8 +4,10 @@ The same method and job as ``textbook``, on one CPU thread. Taichi is an optiona
 imported when a peer is made.
 """
 
+import contextlib
 import importlib.util
 import os
+import sys
 
 import numpy as np
 
@@ -94,10 +96,11 @@ class Taichi:
 
     def __init__(self, job: Job, *, device: str = "cpu"):
         os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
-        import taichi as ti
+        with contextlib.redirect_stdout(sys.stderr):  # Taichi greets on standard output
+            import taichi as ti
 
-        arch = ti.cpu if device == "cpu" else ti.cuda
-        ti.init(arch=arch, default_fp=ti.f32, cpu_max_num_threads=1, log_level=ti.ERROR)
+            arch = ti.cpu if device == "cpu" else ti.cuda
+            ti.init(arch=arch, default_fp=ti.f32, cpu_max_num_threads=1, log_level=ti.ERROR)
         self._ti, self._job, n = ti, job, len(job.x)
         self._order = np.random.default_rng(0).permutation(n)
         vectors = [ti.Vector.field(3, float, shape=n) for _ in range(2)]

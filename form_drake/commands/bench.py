@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from tqdm import tqdm
 
-from form_drake.bench import positions, table2
+from form_drake.bench import positions, speed, table2
 from form_drake.commands.output import emit, say
 from form_drake.files import write_json
 
@@ -93,12 +94,48 @@ class Positions:
 
 
 @dataclass(frozen=True)
+class Speed:
+    """Particle-steps per second beside a textbook code and Taichi (optional), in one run."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-speed/speed.json."""
+    only: tuple[str, ...] = ()
+    """Run only these cases."""
+    particles: int = speed.PARTICLES
+    """Particles of the block, the cube of an even number."""
+    device: str = "cpu"
+    """Warp device: cpu or cuda:0."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+
+        def run(_: Path) -> dict[str, Any]:
+            with tqdm(unit="window", disable=None, delay=2, leave=False) as bar:
+
+                def progress(done: int, total: int) -> None:
+                    bar.total = total
+                    bar.update(done - bar.n)
+
+                return speed.run_speed(
+                    only=self.only or None,
+                    particles=self.particles,
+                    device=self.device,
+                    progress=progress,
+                )
+
+        _finish("speed", self.out, run, speed.table, as_json=self.json)
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure what the documents state; long benches resume where they were interrupted."""
 
     case: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Table2, tyro.conf.subcommand("table2")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
+        | Annotated[Speed, tyro.conf.subcommand("speed")]
     ]
 
     def run(self) -> None:

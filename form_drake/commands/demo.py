@@ -25,8 +25,8 @@ class Demo:
         seed = secrets.randbelow(10**6) if self.seed is None else self.seed
         if seed < 0:
             raise ValueError(f"--seed: a whole number from 0 is wanted, got {seed}")
-        say(f"seed {seed}")
         with whole_folder(self.out) as folder:
+            say(f"seed {seed}")
             outcome = run_demo(folder, seed, say)
         result = {
             "seed": seed,

@@ -41,19 +41,16 @@ def _snippet(precision: str, plain: str, operands: str) -> str:
 
 @cache
 def lanes(precision: str):
-    """Warp functions scaled(s, a) = s a, added(a, b) = a + b and axpy(s, a, b) = s a + b."""
+    """Warp functions scaled(s, a) = s a and axpy(s, a, b) = s a + b."""
     t = types(precision)
 
     @wp.func_native(_snippet(precision, "s * a", "a"))
     def scaled(s: t.real, a: t.vec4) -> t.vec4: ...
 
-    @wp.func_native(_snippet(precision, "a + b", "ab"))
-    def added(a: t.vec4, b: t.vec4) -> t.vec4: ...
-
     @wp.func_native(_snippet(precision, "s * a + b", "ab"))
     def axpy(s: t.real, a: t.vec4, b: t.vec4) -> t.vec4: ...
 
-    return scaled, added, axpy
+    return scaled, axpy
 
 
 @cache
@@ -64,7 +61,7 @@ def sums(precision: str):
     """
     t = types(precision)
     mat, vec4 = t.mat, t.vec4
-    scaled, _added, axpy = lanes(precision)
+    scaled, axpy = lanes(precision)
     two = wp.constant(t.real(2.0))
 
     @wp.func

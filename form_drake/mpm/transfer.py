@@ -48,7 +48,7 @@ def p2g(gradient: str, precision: str):
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
     first, offset = stencil(precision)
-    scaled, added, axpy = lanes(precision)
+    scaled, axpy = lanes(precision)
 
     @wp.func
     def column(a: t.mat, k: int):
@@ -79,18 +79,16 @@ def p2g(gradient: str, precision: str):
         along1 = column(affine, 1)
         along2 = column(affine, 2)
         u = m * v[p] - affine * f
-        at_i = vec4(u[0], u[1], u[2], m)
+        start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
-            at_j = at_i
+            at_i = axpy(real(int(i)), along0, start)
             for j in range(3):
+                at_j = axpy(real(int(j)), along1, at_i)
                 wij = w[i, 0] * w[j, 1]
                 n = node_index(b[0] + i, b[1] + j, b[2], nodes)
-                at_k = at_j
                 for k in range(3):
+                    at_k = axpy(real(int(k)), along2, at_j)
                     wp.atomic_add(grid, n + k, scaled(wij * w[k, 2], at_k))
-                    at_k = added(at_k, along2)
-                at_j = added(at_j, along1)
-            at_i = added(at_i, along0)
 
     @wp.kernel(module="unique", enable_backward=False)
     def exact(
@@ -121,21 +119,20 @@ def p2g(gradient: str, precision: str):
         along1 = column(affine, 1)
         along2 = column(affine, 2)
         u = m * v[p] - affine * f
-        at_i = vec4(u[0], u[1], u[2], m)
+        start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
-            at_j = at_i
+            at_i = axpy(real(int(i)), along0, start)
             for j in range(3):
+                at_j = axpy(real(int(j)), along1, at_i)
                 wij = w[i, 0] * w[j, 1]
                 push = axpy(g[i, 0] * w[j, 1], force0, scaled(w[i, 0] * g[j, 1], force1))
-                at_k = axpy(wij, at_j, push)
+                here = axpy(wij, at_j, push)
                 slope = scaled(wij, along2)
                 push2 = scaled(wij, force2)
                 n = node_index(b[0] + i, b[1] + j, b[2], nodes)
                 for k in range(3):
+                    at_k = axpy(real(int(k)), slope, here)
                     wp.atomic_add(grid, n + k, axpy(w[k, 2], at_k, scaled(g[k, 2], push2)))
-                    at_k = added(at_k, slope)
-                at_j = added(at_j, along1)
-            at_i = added(at_i, along0)
 
     return {"mls": mls, "exact": exact}[gradient]
 
