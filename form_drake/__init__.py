@@ -8,7 +8,7 @@ from form_drake.identify import Identification, Unidentifiable, identify
 from form_drake.laws import LAWS
 from form_drake.material import Material, read_material
 from form_drake.mpm.prediction import predict
-from form_drake.records import Recording, Solver, Wall, read, write_recording
+from form_drake.records import Recording, Solver, States, Stream, Wall, read, write_recording
 
 __all__ = [
     "LAWS",
@@ -16,6 +16,8 @@ __all__ = [
     "Material",
     "Recording",
     "Solver",
+    "States",
+    "Stream",
     "Unidentifiable",
     "Wall",
     "identify",

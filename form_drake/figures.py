@@ -1,4 +1,4 @@
-"""Figures of the reports; matplotlib is imported without a display."""
+"""Figures of the reports; matplotlib is imported where it is used."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,13 +9,11 @@ from form_drake.mpm.prediction import Prediction
 from form_drake.records import Recording
 
 
-def _pyplot() -> Any:
-    import matplotlib
+def _figure(width: float, height: float) -> Any:
+    """A figure of its own, in inches, that no window or session state knows of."""
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
+    return Figure(figsize=(width, height))
 
 
 def _axes(figure: Any, columns: int, index: int, points: np.ndarray, title: str) -> Any:
@@ -32,7 +30,7 @@ def _axes(figure: Any, columns: int, index: int, points: np.ndarray, title: str)
 
 def motion_strip(recording: Recording, count: int = 5) -> Any:
     """Snapshots of the recorded points, coloured by their height at rest."""
-    figure = _pyplot().figure(figsize=(3 * count, 3.2))
+    figure = _figure(3 * count, 3.2)
     everything = recording.p_WQ.reshape(-1, 3)
     height = recording.reference[:, 2]
     for i, frame in enumerate(np.linspace(0, recording.frames - 1, count).astype(int)):
@@ -50,7 +48,7 @@ def most_deformed(recording: Recording) -> int:
 
 def before_and_after(unseen: Recording, before: Prediction, after: Prediction) -> Any:
     """The unseen motion's most deformed frame: truth, and both predictions coloured by error."""
-    figure = _pyplot().figure(figsize=(13, 4.4))
+    figure = _figure(13, 4.4)
     frame = most_deformed(unseen)
     true = unseen.p_WQ[frame]
     predicted = {"before": before, "after": after}
@@ -72,8 +70,8 @@ def before_and_after(unseen: Recording, before: Prediction, after: Prediction) -
 
 def error_over_time(time: np.ndarray, curves: Mapping[str, np.ndarray]) -> Any:
     """Root mean square distances [mm] over time [s], on a logarithmic scale."""
-    pyplot = _pyplot()
-    figure, axes = pyplot.subplots(figsize=(8, 3.2))
+    figure = _figure(8, 3.2)
+    axes = figure.add_subplot()
     for name, curve in curves.items():
         axes.semilogy(1e3 * time, np.maximum(curve, 1e-6), label=name)
     axes.set_xlabel("time [ms]")

@@ -174,7 +174,7 @@ class Material:
                 "keys": list(self.keys),
                 "values": [[float(c) for c in row] for row in self.covariance],
             }
-        write_text(path, yaml.safe_dump(content, sort_keys=False))
+        write_text(Path(path), yaml.safe_dump(content, sort_keys=False))
 
 
 def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
@@ -208,7 +208,7 @@ def read_material(path: Path) -> Material:
     Raises:
         ValueError: one line that says what is wrong with the file.
     """
-    content = read_mapping(path)
+    content = read_mapping(Path(path))
     try:
         return _parse(content)
     except ValueError as error:

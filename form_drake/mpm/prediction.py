@@ -1,5 +1,6 @@
 """Prediction of a recorded motion from its first frame, and its loss."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,7 @@ class Prediction:
 
     Attributes:
         recording: the recording with its positions replaced by the predicted ones.
-        loss: mean over frames, points and coordinates of the squared error [m^2]; None where the
-            recording holds nothing to compare with.
+        loss: mean over frames, points and coordinates of the squared error [m^2].
         frames: number of frames in the loss.
     """
 
@@ -34,7 +34,13 @@ def loss_frames(recording: Recording) -> np.ndarray:
     return np.flatnonzero((recording.step - recording.step[0]) % LOSS_EVERY == 0)
 
 
-def predict(recording: Recording, material: Material, *, device: str = "cpu", progress=None):
+def predict(
+    recording: Recording,
+    material: Material,
+    *,
+    device: str = "cpu",
+    progress: Callable[[int, int], None] | None = None,
+) -> Prediction:
     """Roll a material out from a recording's first frame.
 
     Args:

@@ -2,7 +2,7 @@
 
 The grid holds (momentum, mass) in one ``vec4`` per node; after the grid step (velocity, mass).
 Loops over the 27 nodes are factored: what depends on one axis is summed along that axis first.
-``exact`` uses the spline gradient for force and velocity gradient (the paper's shared basis, eq. 8);
+``exact`` uses the spline gradient for force and velocity gradient (the paper's eqs. 6 and 7);
 ``mls`` uses 4/dx^2 w (x_i - x_p), the gradient of the moving-least-squares MPM (Hu et al. 2018).
 """
 
@@ -264,8 +264,9 @@ def gather(precision: str):
                 n = node_index(b[0] + i, b[1] + j, b[2], nodes)
                 for k in range(3):
                     g = grid[n + k]
-                    scale = w[i, 0] * w[j, 1] * w[k, 2] / (g[3] + eps)
-                    total += scale * vec3(g[0], g[1], g[2])
+                    if g[3] > real(0.0):
+                        scale = w[i, 0] * w[j, 1] * w[k, 2] / (g[3] + eps)
+                        total += scale * vec3(g[0], g[1], g[2])
         out[p] = total
 
     return kernel

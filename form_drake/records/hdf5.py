@@ -23,7 +23,7 @@ TEXTS = ("known", "geometry", "contact")
 
 def write_recording(recording: Recording, path: Path) -> None:
     """Write the file, whole."""
-    with whole(path) as temporary, h5py.File(temporary, "w") as file:
+    with whole(Path(path)) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["form_drake_recording"] = VERSION
         file.attrs["source"] = recording.source
         file.attrs["noise"] = "unknown" if recording.noise is None else recording.noise

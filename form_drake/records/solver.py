@@ -89,6 +89,7 @@ class Solver:
             "decomposition series or svd3": self.decomposition in ("series", "svd3"),
             "precision float32 or float64": self.precision in ("float32", "float64"),
             "mass_eps >= 0": self.mass_eps >= 0,
+            "walls at least two cells inside the grid": all(self._inside(w) for w in self.walls),
         }
         broken = [rule for rule, holds in checks.items() if not holds]
         if broken:
@@ -99,3 +100,9 @@ class Solver:
     def _numbers(self) -> str:
         found = {k: v for k, v in vars(self).items() if k != "walls"}
         return ", ".join(f"{k} = {v}" for k, v in found.items())[:300]
+
+    def _inside(self, wall: Wall) -> bool:
+        if not self.dx > 0 or len(self.nodes) != 3:
+            return True  # refused for that
+        cells = wall.position / self.dx
+        return bool(2.0 - 1e-6 <= cells <= self.nodes[wall.axis] - 2.0 + 1e-6)

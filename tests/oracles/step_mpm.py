@@ -3,6 +3,7 @@
 An oracle that shares no code with the package it tests. Per law it throws a small jittered block
 of particles at the walls of a box and stores the states n and n+1 for each n in PAIRS. The two
 gradients g alternate over the laws (GRADIENT). The truth is drawn from RANGES and kept apart.
+With --positions it stores, for one law, the positions of a rigidly thrown block in float32.
 
 Node i of an axis sits at x_i = i dx; d = x_i - x_p; w = product of three quadratic B-splines;
 V0 reference volume; m = density V0. With C = L = 0 and F = I at step 0, one step n -> n+1 is
@@ -213,17 +214,20 @@ def advance(law, state, volume, p):
     return {"x": x + DT * v, "v": v, "C": C, "L": L, "F": F, "tau": stress(law, F, L, p)}
 
 
-def block(rng):
+def block(rng, *, rigid=False):
     """Positions (N, 3) [m], velocities (N, 3) [m/s] and volumes (N,) [m^3] of a random block.
 
-    It moves rigidly towards the floor, squeezes itself and carries a smooth wave.
+    It moves rigidly towards the floor; unless ``rigid``, it also squeezes itself and carries a
+    smooth wave.
     """
     r = (np.indices(SHAPE).reshape(3, -1).T - (SHAPE - 1) / 2) * SPACING
     r += SPACING * rng.uniform(-0.2, 0.2, r.shape)
     centre = DX * (np.array([7.0, 4.2, 7.0]) + rng.uniform(-0.5, 0.5, 3))
     linear = np.array([0.0, -2.0, 0.0]) + rng.uniform(-1, 1, 3)
-    v = linear + np.cross(rng.uniform(-4, 4, 3), r) - 4 * r
-    v += 2 * np.sin(r @ rng.uniform(-15, 15, (3, 3)) + rng.uniform(0, 2 * np.pi, 3))
+    v = linear + np.cross(rng.uniform(-4, 4, 3), r)
+    if not rigid:
+        v = v - 4 * r
+        v += 2 * np.sin(r @ rng.uniform(-15, 15, (3, 3)) + rng.uniform(0, 2 * np.pi, 3))
     return centre + r, v, SPACING**3 * rng.uniform(0.9, 1.1, len(r))
 
 
@@ -241,21 +245,49 @@ def trajectory(law, seed):
     steps = [n + k for n in pairs for k in (0, 1)]
     arrays = {key: np.stack([states[n][key] for n in steps]) for key in states[0]}
     arrays |= {"step": np.array(steps), "x0": x, "v0": v, "volume": volume}
-    arrays |= {"density": DENSITY, "dt": DT, "dx": DX, "nodes": NODES, "mass_eps": MASS_EPS}
+    return arrays | settings(law), truth
+
+
+def positions(law, seed, every, frames):
+    """Positions alone of a rigidly thrown block, every so many steps, and the true parameters."""
+    rng = np.random.default_rng([seed, LAWS.index(law)])
+    truth = {name: float(rng.uniform(*limits)) for name, limits in RANGES[law].items()}
+    x, v, volume = block(rng, rigid=True)
+    p = truth | GIVEN.get(law, {})
+    zero, F = np.zeros((len(x), 3, 3)), np.tile(EYE, (len(x), 1, 1))
+    state = {"x": x, "v": v, "C": zero, "L": zero, "F": F, "tau": stress(law, F, zero, p)}
+    seen = [x]
+    for _ in range(frames - 1):
+        for _ in range(every):
+            state = advance(law, state, volume, p)
+        seen.append(state["x"])
+    arrays = {"x": np.stack(seen).astype(np.float32), "step": every * np.arange(frames)}
+    return arrays | {"x0": x, "v0": v, "volume": volume} | settings(law), truth
+
+
+def settings(law):
+    """What the reader of a trajectory has to know of the solver and of the law."""
+    arrays = {"density": DENSITY, "dt": DT, "dx": DX, "nodes": NODES, "mass_eps": MASS_EPS}
     arrays |= {"wall_cells": WALL_CELLS, "gravity": GRAVITY, "gradient": GRADIENT[law]}
-    return arrays | {f"given_{name}": value for name, value in given.items()}, truth
+    return arrays | {f"given_{name}": value for name, value in GIVEN.get(law, {}).items()}
 
 
 def main():
-    """Write <law>.npz for every law and truth.json."""
+    """Write <law>.npz for every law, or the positions of one law, and truth.json."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--positions", choices=LAWS, help="positions alone of this law")
+    parser.add_argument("--every", type=int, default=4, help="steps from one frame to the next")
+    parser.add_argument("--frames", type=int, default=101)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     truths = {}
-    for law in LAWS:
-        arrays, truths[law] = trajectory(law, args.seed)
+    for law in [args.positions] if args.positions else LAWS:
+        if args.positions:
+            arrays, truths[law] = positions(law, args.seed, args.every, args.frames)
+        else:
+            arrays, truths[law] = trajectory(law, args.seed)
         np.savez_compressed(args.out / f"{law}.npz", **arrays)
     (args.out / "truth.json").write_text(json.dumps(truths, indent=1) + "\n")
 

@@ -1,0 +1,468 @@
+"""The command line: what it prints, what it writes, and how it refuses."""
+
+import builtins
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from form_drake import LAWS, Material, Recording, Solver, Wall, __main__, read, read_material
+from form_drake.commands import VERBS
+from form_drake.libraries import DEBIAN
+from form_drake.records import States, write_recording
+
+STEPS = Path(__file__).parent / "data" / "steps" / "fixed-corotated.npz"
+TRUTH = {"mu": 3766.1438712154586, "lam": 24571.85343589163}
+SETTINGS = ("x", "v", "C", "F", "L", "tau", "step")
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error of one command in this process."""
+    capsys.readouterr()
+    try:
+        code = __main__.main([str(a) for a in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    text = capsys.readouterr()
+    return code, text.out, text.err
+
+
+def refusal(capsys, *arguments):
+    """The one line on standard error of a command that is refused."""
+    code, out, err = run(capsys, *arguments)
+    assert code == 2 and out == "", (code, out, err)
+    assert err.startswith("form-drake: ") and err.count("\n") == 1, err
+    assert "Traceback" not in err and len(err) < 700
+    return err
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with a recording of full states, one of positions, and a material."""
+    folder = tmp_path_factory.mktemp("files")
+    with np.load(STEPS) as file:
+        data = dict(file)
+    nodes, dx, cells = int(data["nodes"]), float(data["dx"]), int(data["wall_cells"])
+    ends = ((-1, (cells - 1) * dx), (1, (nodes - cells + 1) * dx))
+    walls = tuple(Wall(axis, side, at) for axis in range(3) for side, at in ends)
+    dt, gravity = float(data["dt"]), tuple(data["gravity"])
+    solver = Solver(
+        dx=dx,
+        nodes=(nodes,) * 3,
+        dt=dt,
+        gradient=str(data["gradient"]),
+        precision="float64",
+        walls=walls,
+        mass_eps=float(data["mass_eps"]),
+        gravity=gravity,
+    )
+    steps = Recording.from_arrays(
+        data["step"] * dt,
+        data["x"],
+        step=data["step"],
+        p_reference=data["x0"],
+        v_0=data["v0"],
+        volume=data["volume"],
+        density=float(data["density"]),
+        solver=solver,
+        law="fixed-corotated",
+        states=States(**{k: data[k] for k in SETTINGS}),
+    )
+    write_recording(steps, folder / "steps.h5")
+    write_recording(replace(steps, law=None), folder / "lawless.h5")
+    write_recording(replace(steps, states=None), folder / "positions.h5")
+    Material(LAWS["fixed-corotated"], TRUTH, 1000.0).write(folder / "true.yaml")
+    text = (folder / "steps.h5").read_bytes()
+    (folder / "truncated.h5").write_bytes(text[: len(text) // 2])
+    for suffix in ("h5", "npz", "yaml"):
+        (folder / f"empty.{suffix}").write_bytes(b"")
+        (folder / f"garbage.{suffix}").write_bytes(b"\x00\xff garbage" * 99)
+        (folder / f"folder.{suffix}").mkdir()
+    return folder
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("verb", [(), *((v,) for v in VERBS), ("bench", "table2")])
+def test_help_is_on_standard_output(capsys, verb):
+    code, out, err = run(capsys, *verb, "--help")
+    assert code == 0 and err == ""
+    assert out.startswith(" ".join(("usage: form-drake", *verb)))
+
+
+def test_version_names_what_it_stands_on(capsys):
+    code, out, _ = run(capsys, "--version")
+    assert code == 0 and out.count("\n") == 1
+    for name in ("form-drake", "drake", "warp-lang", "numpy"):
+        assert re.search(rf"\b{name} \d+\.\d+", out)
+    assert "device cpu" in out or "device cuda" in out
+
+
+def test_list_laws(capsys):
+    code, out, _ = run(capsys, "list", "laws")
+    assert code == 0 and [line.split()[0] for line in out.splitlines()] == list(LAWS)
+    laws = json.loads(run(capsys, "list", "laws", "--json")[1])["laws"]
+    assert set(laws) == set(LAWS)
+    gent = laws["gent"]
+    assert gent["parameters"]["J_m"] == {"unit": "-", "role": "shape"}
+    assert gent["parameters"]["mu"] == {"unit": "Pa", "role": "linear"}
+    assert gent["derived"] == {"E": "Pa", "nu": "-"}
+    assert laws["bingham"]["parameters"]["kappa"]["role"] == "given"
+    assert "Y" in laws["von-mises"]["derived"]
+
+
+def test_list_materials(capsys):
+    code, out, _ = run(capsys, "list", "materials", "--json")
+    assert code == 0
+    for name, entry in json.loads(out)["materials"].items():
+        assert entry["law"] in LAWS and Path(entry["file"]).stem == name
+        assert set(LAWS[entry["law"]].keys) <= set(entry["parameters"])
+
+
+def test_check_says_what_a_file_holds(capsys, files):
+    found = json.loads(run(capsys, "check", files / "steps.h5", "--json")[1])
+    assert (found["kind"], found["points"], found["pairs"]) == ("recording", 48, 2)
+    assert (found["observe"], found["law"], found["noise_m"]) == (
+        "full",
+        "fixed-corotated",
+        "unknown",
+    )
+    found = json.loads(run(capsys, "check", files / "true.yaml", "--json")[1])
+    assert (found["kind"], found["law"]) == ("material", "fixed-corotated")
+    assert found["parameters"]["mu"]["value"] == TRUTH["mu"]
+    for name in ("steps.h5", "true.yaml"):
+        code, out, err = run(capsys, "check", files / name)
+        assert code == 0 and err == "" and "fixed-corotated" in out
+
+
+ANSWER = {"law", "method", "parameters", "condition", "seconds"}
+
+
+def test_identify_prints_one_object_and_writes_the_material(capsys, files, here):
+    code, out, err = run(capsys, "identify", files / "steps.h5", "--json", "--out", "m/a.yaml")
+    answer = json.loads(out)
+    assert code == 0 and set(answer) >= ANSWER
+    assert (answer["law"], answer["method"]) == ("fixed-corotated", "step")
+    for key, value in TRUTH.items():
+        entry = answer["parameters"][key]
+        assert set(entry) == {"value", "std", "unit", "derived"}
+        assert entry["value"] == pytest.approx(value, rel=1e-9)
+        assert (entry["unit"], entry["derived"]) == ("Pa", False)
+    assert all(answer["parameters"][k]["derived"] for k in ("E", "nu", "K"))
+    assert "written: m/a.yaml" in err
+    material = read_material(here / "m" / "a.yaml")
+    assert material.values["mu"] == answer["parameters"]["mu"]["value"]
+    assert material.parameters()["mu"].std == answer["parameters"]["mu"]["std"]
+
+
+def test_identify_replaces_its_earlier_folder(capsys, files, here):
+    code, out, _ = run(capsys, "identify", files / "steps.h5")
+    assert code == 0 and "mu" in out and "95 %" in out
+    folder = here / "runs" / "identify"
+    (folder / "stale").write_text("")
+    assert run(capsys, "identify", files / "steps.h5", "--known", f"mu={TRUTH['mu']}")[0] == 0
+    assert {p.name for p in folder.iterdir() if p.name[0] != "."} == {
+        "material.yaml",
+        "result.json",
+    }
+    assert read_material(folder / "material.yaml").keys == ("lam",)
+    assert [p.name for p in folder.parent.iterdir()] == ["identify"]
+
+
+@pytest.mark.parametrize("out", [(), ("--out", "there/p.h5")])
+def test_predict_prints_the_loss_and_writes_the_motion(capsys, files, here, out):
+    code, text, _ = run(capsys, "predict", files / "true.yaml", files / "steps.h5", "--json", *out)
+    answer = json.loads(text)
+    assert code == 0
+    assert answer["frames"] == 2  # solver steps 0 and 100 of 0, 1, 100, 101 after the first
+    assert answer["loss"] > 0.0
+    place = here / (out[1] if out else "runs/predict/prediction.h5")
+    predicted, recorded = read(place), read(files / "steps.h5")
+    assert predicted.p_WQ.shape == recorded.p_WQ.shape
+    used = np.flatnonzero((recorded.step - recorded.step[0]) % 5 == 0)
+    error = predicted.p_WQ[used] - recorded.p_WQ[used]
+    assert answer["loss"] == pytest.approx(np.mean(error**2), rel=1e-9)
+
+
+def test_predict_takes_other_values(capsys, files, here):
+    def loss(*options):
+        paths = (files / "true.yaml", files / "steps.h5")
+        return json.loads(run(capsys, "predict", *paths, "--json", *options)[1])["loss"]
+
+    E, nu = 4000.0, 0.25
+    mu, lam = E / 2.5, E * nu / (1.25 * 0.5)
+    assert loss("--set", f"E={E},nu={nu}") == loss("--set", f"mu={mu},lam={lam}") != loss()
+
+
+BAD_FILES = [
+    *((f"{kind}.{suffix}", suffix) for kind in ("empty", "garbage", "folder", "missing")
+      for suffix in ("h5", "npz", "yaml")),
+    ("truncated.h5", "h5"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name, suffix", BAD_FILES)
+def test_bad_files_are_refused(capsys, files, here, name, suffix):
+    assert name in refusal(capsys, "check", files / name)
+    if suffix == "yaml":
+        line = refusal(capsys, "predict", files / name, files / "steps.h5", "--out", "p.h5")
+    else:
+        refusal(capsys, "predict", files / "true.yaml", files / name, "--out", "p.h5")
+        line = refusal(capsys, "identify", files / name, "--out", "a.yaml")
+    assert name in line
+    assert not list(here.iterdir())
+
+
+BAD_OPTIONS = {
+    "unknown law": (("--law", "rubber"), "unknown law 'rubber': choose one of neo-hookean"),
+    "start without equals": (("--start", "mu"), "'mu': NAME=VALUE is wanted"),
+    "start twice": (("--start", "mu=1,mu=2"), "mu is given twice"),
+    "start text": (("--observe", "positions", "--start", "mu=a,lam=1"), "mu: a finite number"),
+    "unknown parameter": (("--known", "eta=1"), "fixed-corotated has no parameter 'eta'"),
+    "infinite": (("--known", "mu=inf"), "mu: a finite number"),
+    "stride": (("--stride", "2"), "--stride applies to positions only"),
+    "stride zero": (("--observe", "positions", "--stride", "0"), "stride: a whole number from 1"),
+    "stride too large": (("--observe", "positions", "--stride", "9"), "leaves fewer than two"),
+    "stride text": (("--stride", "a"), "--stride"),
+    "noise": (("--observe", "positions", "--add-noise", "-1e-3"), "not be negative"),
+    "stated noise": (("--observe", "positions", "--position-noise", "-1"), "negative"),
+    "noise of steps": (("--add-noise", "1e-3"), "--add-noise applies to positions only"),
+    "observe": (("--observe", "everything"), "everything"),
+    "initial velocity": (("--initial-velocity", "maybe"), "maybe"),
+    "unknown option": (("--colour", "red"), "--colour"),
+    "second file": (("b.h5",), "b.h5"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_bad_options_are_refused(capsys, files, here, case):
+    options, message = BAD_OPTIONS[case]
+    assert message in refusal(capsys, "identify", files / "steps.h5", *options)
+    assert not list(here.iterdir())
+
+
+def test_no_declared_law_lists_the_laws(capsys, files, here):
+    line = refusal(capsys, "identify", files / "lawless.h5")
+    assert all(name in line for name in LAWS)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ((), "demo, identify, predict"),
+        (("melt",), "melt"),
+        (("identify",), "PATH"),
+        (("predict", "a.yaml"), "PATH"),
+        (("list", "colours"), "colours"),
+        (("check", "notes.txt"), "notes.txt: no such file"),
+        (("demo", "--seed", "-1"), "--seed: a whole number from 0"),
+        (("bench", "table2", "--data", "nowhere"), "nowhere: no such folder"),
+    ],
+)
+def test_wrong_commands_are_refused(capsys, here, arguments, message):
+    assert message in refusal(capsys, *arguments)
+    assert not list(here.iterdir())
+
+
+def outs(folder):
+    """Places where no file can be put, and what is said about them."""
+    (folder / "file").write_text("kept")
+    (folder / "folder").mkdir()
+    return {"file/a.yaml": "is not a folder", "folder": "is a folder; a file is wanted"}
+
+
+@pytest.mark.parametrize("out", ["file/a.yaml", "folder"])
+def test_impossible_outputs_are_refused_before_work(capsys, files, here, monkeypatch, out):
+    message = outs(here)[out]
+    for module in ("identify", "predict"):
+        monkeypatch.setattr(f"form_drake.commands.{module}.{module}", None)
+    assert message in refusal(capsys, "identify", files / "steps.h5", "--out", out)
+    arguments = ("predict", files / "true.yaml", files / "steps.h5", "--out", out)
+    assert message in refusal(capsys, *arguments)
+    assert (here / "file").read_text() == "kept" and not list((here / "folder").iterdir())
+
+
+def test_unwritable_outputs_are_refused(capsys, files, here, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    for out in (("--out", "a.yaml"), ()):
+        assert "is not writable" in refusal(capsys, "identify", files / "steps.h5", *out)
+    assert not list(here.iterdir())
+
+
+def test_an_interrupted_command_says_so(capsys, monkeypatch):
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("form_drake.commands.inspect.List.run", interrupted)
+    code, out, err = run(capsys, "list", "laws")
+    assert (code, out) == (130, "") and err.startswith("form-drake: interrupted")
+
+
+def test_a_full_disk_leaves_nothing(capsys, files, here, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    line = refusal(capsys, "identify", files / "steps.h5", "--out", "a.yaml")
+    assert "No space left" in line and not list(here.iterdir())
+
+
+def test_the_demo_replaces_no_foreign_folder(capsys, here):
+    (here / "mine").mkdir()
+    (here / "mine" / "thesis.tex").write_text("years")
+    assert "no earlier run has made" in refusal(capsys, "demo", "--out", "mine")
+    assert [p.name for p in (here / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_a_missing_device_is_one_line(capsys, files, here):
+    arguments = ("predict", files / "true.yaml", files / "steps.h5", "--device", "cuda:99")
+    line = refusal(capsys, *arguments)
+    assert "cuda:99: no such device here, only cpu" in line
+    assert not list(here.iterdir())
+
+
+MISSING = "{}: cannot open shared object file: No such file or directory"
+
+
+@pytest.mark.parametrize("library", DEBIAN)
+@pytest.mark.parametrize("kind", [ImportError, OSError])
+def test_a_missing_system_library_names_its_package(capsys, monkeypatch, kind, library):
+    original = builtins.__import__
+
+    def hindered(name, *rest):
+        if name == "pyrealsense2":
+            raise kind(MISSING.format(library))
+        return original(name, *rest)
+
+    def needs_a_camera(self):
+        import pyrealsense2  # noqa: F401
+
+    monkeypatch.setattr(builtins, "__import__", hindered)
+    monkeypatch.setattr("form_drake.commands.inspect.List.run", needs_a_camera)
+    line = refusal(capsys, "list", "laws")
+    assert f"{library} is missing" in line and f"apt-get install {DEBIAN[library]}" in line
+
+
+def test_a_missing_module_is_named(capsys, monkeypatch):
+    def needs_a_module(self):
+        import a_module_that_is_not_there.part  # noqa: F401
+
+    monkeypatch.setattr("form_drake.commands.inspect.List.run", needs_a_module)
+    line = refusal(capsys, "list", "laws")
+    assert "Python package a_module_that_is_not_there is missing" in line
+
+
+BLOCKED = """
+import sys
+from pathlib import Path
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("open3d", "cv2", "pyrealsense2", "pydrake"):
+            raise ImportError(f"{name} is blocked")
+
+events = []
+
+def heard(event, values):
+    if event in ("open", "os.rename"):
+        path = Path(str(values[event == "os.rename"]))
+        if path.name in ("truth.json", "material.yaml", "identification.json"):
+            events.append(f"{event} {path.name}")
+
+sys.addaudithook(heard)
+sys.meta_path.insert(0, Blocker())
+from form_drake.__main__ import main
+code = main(sys.argv[1:])
+print("events:", ", ".join(events), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def blocked(folder, *arguments):
+    """A command in a fresh process that cannot import Drake and the camera packages.
+
+    It also tells in which order files of the demo appear and are opened.
+    """
+    return process(folder, "-c", BLOCKED, *map(str, arguments))
+
+
+def process(folder, *arguments):
+    """Python in a fresh process."""
+    command = [sys.executable, *arguments]
+    options = {"capture_output": True, "text": True, "timeout": 300}
+    return subprocess.run(command, cwd=folder, check=False, **options)
+
+
+def test_a_process_without_cameras_identifies_and_predicts(files, tmp_path):
+    done = blocked(tmp_path, "identify", files / "steps.h5", "--json", "--out", "a.yaml")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    answer = json.loads(done.stdout)
+    assert answer["parameters"]["mu"]["value"] == pytest.approx(TRUTH["mu"], rel=1e-9)
+    done = blocked(tmp_path, "predict", "a.yaml", files / "steps.h5", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == 2
+
+
+def test_a_process_refuses_in_one_line(tmp_path):
+    done = process(tmp_path, "-m", "form_drake", "identify", "missing.h5", "--json")
+    assert (done.returncode, done.stdout) == (2, "")
+    lines = [line for line in done.stderr.splitlines() if line.startswith("form-drake")]
+    assert lines == ["form-drake: missing.h5: no such file"]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """One run of the demo without Drake and camera packages."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = blocked(folder, "demo", "--seed", "11", "--json")
+    assert done.returncode == 0, done.stderr
+    return folder / "runs" / "demo", done
+
+
+def test_the_demo_identifies_its_hidden_material(demo):
+    folder, done = demo
+    answer = json.loads(done.stdout)
+    assert answer["seed"] == 11 and "seed 11" in done.stderr
+    found = answer["identification"]["parameters"]
+    truth = json.loads((folder / "truth.json").read_text())
+    assert set(truth["values"]) == {"mu", "lam"}
+    for key, value in truth["values"].items():
+        # 4.4 standard deviations: once in 1e5 for a normal error
+        assert abs(found[key]["value"] - value) < 4.4 * found[key]["std"] < 0.1 * value
+    assert answer["loss_after"] < 1e-2 * answer["loss_before"]
+    assert read_material(folder / "material.yaml").values["mu"] == found["mu"]["value"]
+
+
+def test_the_demo_shows_a_report(demo):
+    folder, _ = demo
+    page = (folder / "report.html").read_text()
+    assert page.count("<img") >= 3 and "before" in page and "after" in page
+    assert not re.search(r"(src|href)=\"(?!data:)", page)  # the page stands alone
+    assert {p.name for p in folder.parent.iterdir()} == {"demo"}
+
+
+def test_the_demo_opens_the_truth_after_the_answer_is_on_disk(demo):
+    folder, done = demo
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("events:")]
+    assert line.removeprefix("events: ").split(", ") == [
+        "os.rename truth.json",
+        "os.rename material.yaml",
+        "os.rename identification.json",
+        "open material.yaml",
+        "open truth.json",
+    ]
+    recording = read(folder / "recording.h5")
+    assert recording.known == {} and recording.v_0 is None

@@ -1,0 +1,121 @@
+"""Documentation against the code: made pages are up to date, examples run, links and lists hold."""
+
+import json
+import re
+from fnmatch import fnmatch
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from form_drake import LAWS, demo, read_material, write_recording
+from form_drake.bench.truth import MATERIALS
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+MATERIAL_FILES = sorted((ROOT / "models" / "materials").glob("*.yaml"))
+
+
+def name(path):
+    return path.name
+
+
+@pytest.fixture(scope="module")
+def make():
+    """The command ``docs/make.py`` as a module."""
+    spec = spec_from_file_location("docs_make", ROOT / "docs" / "make.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def python_blocks(page):
+    return re.findall(r"^```python\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+def test_made_pages_are_up_to_date(make):
+    stale = [path.name for path, text in make.pages().items() if path.read_text() != text]
+    assert not stale, "run: python docs/make.py"
+
+
+def test_benchmarks_are_rendered_from_results(make):
+    page = (ROOT / "docs" / "benchmarks.md").read_text()
+    result = {"bench": "positions", "materials": {m: {"seeds": 12345} for m in MATERIALS}}
+    once = make.with_benchmarks(page, [result])
+    assert once.count("12345") == len(MATERIALS)
+    assert make.with_benchmarks(once, [result]) == once
+    with pytest.raises(ValueError, match="known are"):
+        make.with_benchmarks(page, [{"bench": "other"}])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder that looks like the repository after a (shortened) demo."""
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(demo, "FRAMES", 6)
+    rng = np.random.default_rng(0)
+    material = demo.hidden_material(rng)
+    for file in ("recording.h5", "unseen.h5"):
+        write_recording(demo.thrown(material, rng, 0.0), Path("runs/demo") / file)
+    return material
+
+
+def test_examples_of_the_readme(folder):
+    first, second = python_blocks(ROOT / "README.md")
+    found = {}
+    exec(first, found)
+    for key, value in folder.values.items():
+        assert found["answer"].material.values[key] == pytest.approx(value, rel=1e-3)
+    exec(second, found)
+    truth = json.loads((ROOT / "tests/data/steps/truth.json").read_text())["neo-hookean"]
+    values = found["identify"](found["recording"], "neo-hookean").material.values
+    assert values == pytest.approx(truth, rel=1e-9)
+
+
+@pytest.mark.parametrize("page", ["recording.md", "solver.md"])
+def test_examples_of_the_pages(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (block,) = python_blocks(ROOT / "docs" / page)
+    exec(block, {})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+def test_readme_lists_every_law_and_stays_short():
+    text = (ROOT / "README.md").read_text()
+    for law in LAWS.values():
+        keys = " ".join(law.sought)
+        assert f"| `{law.name}` | `{keys}` |" in text
+    assert len(text.splitlines()) <= 110
+
+
+def test_every_file_has_an_origin():
+    listed = re.findall(r"^\| `([^`]+)` \|", (ROOT / "docs" / "data.md").read_text(), re.MULTILINE)
+    for top in ("models", "tests"):
+        for path in (ROOT / top).rglob("*"):
+            place = path.relative_to(ROOT).as_posix()
+            if path.is_file() and "__pycache__" not in place:
+                assert any(fnmatch(place, pattern) for pattern in listed), place
+    for pattern in listed:
+        assert list(ROOT.glob(pattern)), pattern
+
+
+@pytest.mark.parametrize("path", MATERIAL_FILES, ids=name)
+def test_materials_are_complete_and_say_their_source(path):
+    assert path.read_text().startswith("# ")
+    assert read_material(path).density > 0
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_notebooks_are_short_stripped_and_assert(path):
+    cells = json.loads(path.read_text())["cells"]
+    assert len(cells) <= 15
+    assert not any(c.get("outputs") or c.get("execution_count") for c in cells)
+    assert "assert" in "".join(cells[-1]["source"])
