@@ -643,8 +643,7 @@ NUMBERS = [k for k, v in ENTRY.items() if isinstance(v, int | float)]
 
 @pytest.mark.parametrize(
     "key, value",
-    [(k, v) for k in ENTRY if k != "law" for v in WRONG]
-    + [(k, -1) for k in NUMBERS],
+    [(k, v) for k in ENTRY if k != "law" for v in WRONG] + [(k, -1) for k in NUMBERS],
 )
 def test_wrong_metadata_values_are_refused(tmp_path, key, value):
     refused(write_nclaw(tmp_path, entry={**ENTRY, key: value}))
