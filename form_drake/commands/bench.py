@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from form_drake.bench import positions, speed, table2
 from form_drake.commands.output import emit, say
-from form_drake.files import write_json
+from form_drake.files import target, write_json
 
 DATA = "FORM_DRAKE_NCLAW"
 
@@ -37,13 +37,16 @@ def _finish(
     run: Callable[[Path], dict[str, Any]],
     table: Callable[[dict[str, Any]], str],
     *,
+    whole: bool,
     as_json: bool,
 ) -> None:
-    out = out or Path("runs") / f"bench-{name}" / f"{name}.json"
+    """Run a bench, write its result; the finished cases of a part of it are kept for the rest."""
+    out = target(out or Path("runs") / f"bench-{name}" / f"{name}.json")
     store = out.with_name(out.name + ".cases")
     result = run(store)
     write_json(out, result)
-    shutil.rmtree(store, ignore_errors=True)
+    if whole:
+        shutil.rmtree(store, ignore_errors=True)
     emit(table(result), result, as_json=as_json)
     say(f"written: {out}")
 
@@ -64,8 +67,11 @@ class Table2:
     def run(self) -> None:
         """Run the bench."""
         data = _folder(self.data)
-        run = lambda store: table2.run_table2(data, store=store, only=self.only)  # noqa: E731
-        _finish("table2", self.out, run, table2.table, as_json=self.json)
+
+        def run(store: Path) -> dict[str, Any]:
+            return table2.run_table2(data, store=store, only=self.only)
+
+        _finish("table2", self.out, run, table2.table, whole=not self.only, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ class Positions:
         def run(store: Path) -> dict[str, Any]:
             return positions.run_positions(data, store=store, only=self.only, seeds=self.seeds)
 
-        _finish("positions", self.out, run, positions.table, as_json=self.json)
+        _finish("positions", self.out, run, positions.table, whole=not self.only, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -125,7 +131,7 @@ class Speed:
                     progress=progress,
                 )
 
-        _finish("speed", self.out, run, speed.table, as_json=self.json)
+        _finish("speed", self.out, run, speed.table, whole=not self.only, as_json=self.json)
 
 
 @dataclass(frozen=True)
