@@ -2,28 +2,39 @@
 
 import contextlib
 import io
+import json
+import os
 import re
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from form_drake.libraries import explained
 
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
+ABOUT = (
+    "Material laws identified from one robot interaction, and used to predict and plan."
+    " form-drake --version [--json] names the versions and the device in use."
+)
 
 
-def versions() -> str:
+def versions(*, as_json: bool) -> str:
     """One line: this package, what it stands on, and the device."""
+    from importlib.metadata import PackageNotFoundError, version
+
     import warp as wp
 
-    found = []
+    found: dict[str, str | None] = {}
     for name in ("form-drake", *COMPONENTS):
         try:
-            found.append(f"{name} {version(name)}")
+            found[name] = version(name)
         except PackageNotFoundError:
-            found.append(f"{name} absent")
+            found[name] = None
     device = wp.get_preferred_device()
-    return f"{', '.join(found)}, device {device.alias} ({device.name})"
+    if as_json:
+        named = {"alias": device.alias, "name": device.name}
+        return json.dumps({"versions": found, "device": named})
+    listed = ", ".join(f"{name} {number or 'absent'}" for name, number in found.items())
+    return f"{listed}, device {device.alias} ({device.name})"
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -36,9 +47,11 @@ def _parse(arguments: list[str]) -> Any:
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            return tyro.cli(COMMANDS, prog="form-drake", args=arguments, config=config)
+            return tyro.cli(
+                COMMANDS, prog="form-drake", args=arguments, config=config, description=ABOUT
+            )
     except SystemExit as stop:
-        print(out.getvalue(), end="")
+        print(out.getvalue(), end="", flush=True)
         if not stop.code:
             raise
         text = re.sub(r"\x1b\[[0-9;]*m", "", err.getvalue())
@@ -54,28 +67,50 @@ def _parse(arguments: list[str]) -> Any:
         ) from None
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
+def _run(arguments: list[str]) -> None:
+    """Run one command; everything heavy is imported from here on."""
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if sorted(arguments) in (["--version"], ["--json", "--version"]):
+        print(versions(as_json="--json" in arguments))
+    else:
+        _parse(arguments).run()
+    sys.stdout.flush()
+
+
+def _unheard() -> None:
+    """Point the standard streams to nowhere, so that the interpreter's last flush succeeds."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
     try:
-        if arguments == ["--version"]:
-            print(versions())
-            return 0
-        command = _parse(arguments)
-        command.run()
+        _run(sys.argv[1:] if arguments is None else arguments)
+    except BrokenPipeError:  # the reader of the output has seen enough
+        _unheard()
+        return 141
     except (ImportError, OSError) as error:
-        print(f"form-drake: {explained(error)}", file=sys.stderr)
-        return 2
+        problem = explained(error)
     except ValueError as error:
-        print(f"form-drake: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+        problem = " ".join(str(error).split())
+    except (MemoryError, RuntimeError) as error:
+        text = " ".join(str(error).split())
+        if not isinstance(error, MemoryError) and not re.search("allocat|out of memory", text):
+            raise
+        problem = f"not enough memory: {text}" if text else "not enough memory"
     except KeyboardInterrupt:
         print("form-drake: interrupted; nothing half-written was left", file=sys.stderr)
         return 130
-    return 0
+    else:
+        return 0
+    print(f"form-drake: {problem}", file=sys.stderr)
+    return 2
 
 
 if __name__ == "__main__":

@@ -132,12 +132,15 @@ def _report(outcome: Outcome, seed: int, folder: Path) -> None:
     page.paragraph(
         f"Seed {seed}. A cube of {1e3 * EDGE:.0f} mm is thrown into a box; its points are recorded"
         f" at {1 / (FRAME_STEPS * DT):.0f} Hz with {1e3 * NOISE} mm of noise. Known are shape,"
-        f" density, walls and the kind of law ({LAW}); stiffness and initial motion are not."
+        f" density, walls, the pose at the start and the kind of law ({LAW}); stiffness and initial"
+        " motion are not."
     )
     page.figure(motion_strip(read(folder / "recording.h5")), "The recorded motion.")
     page.heading("Prediction of a motion that was not used")
-    caption = "Unseen throw where it is deformed most: true points and prediction, before (scan's"
-    caption += " first guess) and after identification. Colour: distance to the truth."
+    caption = (
+        "Unseen throw where it is deformed most: true points and prediction, before (the best of"
+    )
+    caption += " a scan over decades of stiffness) and after identification. Colour: distance to the truth."
     page.figure(before_and_after(outcome.unseen, outcome.before, outcome.after), caption)
     curves = {"before": error_mm(outcome.before, outcome.unseen)}
     curves["after"] = error_mm(outcome.after, outcome.unseen)

@@ -1,4 +1,4 @@
-"""System libraries that Python packages want: which one is missing, and the package that has it."""
+"""Libraries and modules that are missing, and the packages that have them."""
 
 import re
 
@@ -9,6 +9,13 @@ DEBIAN = {
     "libglib-2.0.so.0": "libglib2.0-bin",
     "libidn2.so.0": "libidn2-0",
     "libusb-1.0.so.0": "libusb-1.0-0",
+}
+# Modules whose package on PyPI has another name.
+PYPI = {
+    "cv2": "opencv-python-headless",
+    "pydrake": "drake",
+    "warp": "warp-lang",
+    "yaml": "pyyaml",
 }
 
 
@@ -23,6 +30,7 @@ def explained(error: ImportError | OSError) -> str:
         command = f": sudo apt-get install {package}" if package else ""
         return f"the system library {library} is missing; {remedy}{command}"
     if isinstance(error, ModuleNotFoundError) and error.name:
-        name = error.name.partition(".")[0]
+        module = error.name.partition(".")[0]
+        name = PYPI.get(module, module)
         return f"the Python package {name} is missing; reinstall form-drake with its dependencies"
     return text

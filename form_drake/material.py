@@ -1,5 +1,6 @@
 """Materials: a law with values, their covariance and what follows from them; YAML in and out."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import yaml
 
 from form_drake.files import read_mapping, write_text
-from form_drake.laws import Law, Values, law_named
+from form_drake.laws import Law, Term, Values, law_named
 from form_drake.laws.flow import repose_angle
 from form_drake.laws.plastic import friction_angle
 
@@ -17,6 +18,7 @@ VERSION = 1
 LAME = ("mu", "lam")
 ENGINEERING = ("E", "nu")
 UNITS = {"E": "Pa", "nu": "-"}
+STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
@@ -49,11 +51,11 @@ def with_lame(law: Law, values: Values) -> dict[str, float]:
     return {**rest, **dict(zip(LAME, lame(values["E"], values["nu"]), strict=True))}
 
 
-def checked_values(law: Law, values: Mapping[str, Any], *, known: bool = False) -> dict[str, float]:
-    """Finite numbers for parameters that the law has; E and nu stand for mu and lam.
+def checked_values(law: Law, values: Mapping[str, Any]) -> dict[str, float]:
+    """Allowed numbers for parameters that the law has; E and nu stand for mu and lam.
 
     Raises:
-        ValueError: an unknown key, or a value that is not a finite number.
+        ValueError: an unknown key, or a value that is not finite or physically impossible.
     """
     allowed = set(law.keys) | (set(ENGINEERING) if set(LAME) <= set(law.keys) else set())
     numbers = {}
@@ -63,7 +65,25 @@ def checked_values(law: Law, values: Mapping[str, Any], *, known: bool = False) 
                 f"{law.name} has no parameter {key!r}: choose from {', '.join(sorted(allowed))}"
             )
         numbers[key] = finite(key, value)
-    return with_lame(law, numbers)
+    return {k: allowed_value(law, k, v) for k, v in with_lame(law, numbers).items()}
+
+
+def allowed_value(law: Law, key: str, value: float) -> float:
+    """``value``, if the parameter may have it.
+
+    Raises:
+        ValueError: it is not finite, not positive though the parameter must be, or no cone at all.
+    """
+    parameter = law.parameter(key)
+    signed = isinstance(parameter, Term) and parameter.signed
+    if not signed and not value > 0:
+        raise ValueError(f"{key}: must be positive, got {value}")
+    if key == "alpha" and not value < STEEPEST:
+        raise ValueError(
+            f"alpha: must be below sqrt(2/3) = {STEEPEST:.4f}, a friction angle of 90 deg, got"
+            f" {value}"
+        )
+    return finite(key, value)
 
 
 def finite(key: str, value: Any) -> float:
@@ -188,10 +208,15 @@ def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
     if law.name == "von-mises":
         out["Y"] = ("Pa", lambda v: np.sqrt(1.5) * v["tau_y"])
     if "alpha" in law.keys:
-        out["friction_angle"] = ("rad", lambda v: friction_angle(v["alpha"]))
+        out["friction_angle"] = ("rad", lambda v: _cone_angle(v["alpha"]))
     if "mu_s" in law.keys:
         out["friction_angle"] = ("rad", lambda v: repose_angle(v["mu_s"]))
     return out
+
+
+def _cone_angle(alpha: float) -> float:
+    """The friction angle [rad], for every alpha: an estimate may lie outside of what can be."""
+    return friction_angle(float(np.clip(alpha, -0.5 * STEEPEST, STEEPEST)))
 
 
 def _young(K: float, G: float) -> float:
@@ -228,22 +253,45 @@ def _parse(content: dict[str, Any]) -> Material:
     entries = content.get("parameters")
     if not isinstance(entries, dict):
         raise ValueError("'parameters' must map names to values")
-    values = {}
+    values: dict[str, float] = {}
+    follows: dict[str, float] = {}
     for key, entry in entries.items():
-        if isinstance(entry, dict) and entry.get("derived"):
-            continue
-        values[str(key)] = _entry(law, str(key), entry)
+        told = follows if isinstance(entry, dict) and entry.get("derived") else values
+        told[str(key)] = _entry(law, str(key), entry)
     density = content.get("density")
     if density is not None:
         density = _number("density", "kg/m^3", density)
         if density <= 0:
             raise ValueError(f"density: must be positive, got {density}")
     keys, covariance = _covariance(law, content.get("covariance"))
-    return Material(law, checked_values(law, values), density, keys, covariance)
+    material = Material(law, checked_values(law, values), density, keys, covariance)
+    for key, value in follows.items():
+        _check_derived(material, key, value)
+    return material
+
+
+def _check_derived(material: Material, key: str, value: float) -> None:
+    """Refuse a derived value that does not follow: an edit of it would have no effect."""
+    law = material.law
+    if key not in derived(law):
+        raise ValueError(
+            f"{law.name} has no derived {key!r}: choose from {', '.join(derived(law))}"
+        )
+    right = derived(law)[key][1](material.values)
+    if not math.isclose(value, right, rel_tol=1e-6, abs_tol=1e-9):
+        remedy = f"change {', '.join(law.keys)} instead"
+        if key in (*ENGINEERING, "K") and set(LAME) <= set(law.keys):
+            remedy = "to change it, state E and nu instead of mu and lam"
+        raise ValueError(
+            f"{key}: {value:g} is marked as derived, but the parameters give {right:g}; {remedy}"
+        )
 
 
 def _entry(law: Law, key: str, entry: Any) -> float:
-    return _number(key, law.unit(key) if key in law.keys else UNITS.get(key), entry)
+    if key in law.keys:
+        return _number(key, law.unit(key), entry)
+    units = UNITS | {k: unit for k, (unit, _) in derived(law).items()}
+    return _number(key, units.get(key), entry)
 
 
 def _number(key: str, unit: str | None, entry: Any) -> float:

@@ -12,9 +12,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from form_drake import LAWS, Material, Recording, Solver, Wall, __main__, read, read_material
+import form_drake
+from form_drake import (
+    LAWS,
+    Material,
+    Recording,
+    Solver,
+    Wall,
+    __main__,
+    identify,
+    predict,
+    read,
+    read_material,
+)
+from form_drake.bench import cases
 from form_drake.commands import VERBS
 from form_drake.libraries import DEBIAN
+from form_drake.mpm.bodies import rigid_velocity
 from form_drake.records import States, write_recording
 
 STEPS = Path(__file__).parent / "data" / "steps" / "fixed-corotated.npz"
@@ -66,7 +80,6 @@ def files(tmp_path_factory):
         data["step"] * dt,
         data["x"],
         step=data["step"],
-        p_reference=data["x0"],
         v_0=data["v0"],
         volume=data["volume"],
         density=float(data["density"]),
@@ -77,6 +90,7 @@ def files(tmp_path_factory):
     write_recording(steps, folder / "steps.h5")
     write_recording(replace(steps, law=None), folder / "lawless.h5")
     write_recording(replace(steps, states=None), folder / "positions.h5")
+    write_recording(replace(steps, v_0=None), folder / "unknown-motion.h5")
     Material(LAWS["fixed-corotated"], TRUTH, 1000.0).write(folder / "true.yaml")
     text = (folder / "steps.h5").read_bytes()
     (folder / "truncated.h5").write_bytes(text[: len(text) // 2])
@@ -107,6 +121,19 @@ def test_version_names_what_it_stands_on(capsys):
     for name in ("form-drake", "drake", "warp-lang", "numpy"):
         assert re.search(rf"\b{name} \d+\.\d+", out)
     assert "device cpu" in out or "device cuda" in out
+
+
+@pytest.mark.parametrize("arguments", [("--version", "--json"), ("--json", "--version")])
+def test_version_as_json(capsys, arguments):
+    code, out, err = run(capsys, *arguments)
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert set(found["versions"]) == {"form-drake", *__main__.COMPONENTS}
+    assert set(found["device"]) == {"alias", "name"}
+
+
+def test_help_mentions_the_version(capsys):
+    assert "--version [--json]" in " ".join(run(capsys, "--help")[1].split())
 
 
 def test_list_laws(capsys):
@@ -180,6 +207,60 @@ def test_identify_replaces_its_earlier_folder(capsys, files, here):
     assert [p.name for p in folder.parent.iterdir()] == ["identify"]
 
 
+def test_values_are_one_word_before_the_file(capsys, files, here):
+    known = f"mu={TRUTH['mu']}, lam={TRUTH['lam'] / 2}"
+    paths = (files / "true.yaml", files / "steps.h5")
+    outcome = run(capsys, "predict", "--set", known, *paths, "--json")
+    assert outcome[0] == 0, outcome
+    mu = known.split(",")[0]
+    outcome = run(capsys, "identify", "--known", mu, files / "steps.h5", "--json")
+    assert outcome[0] == 0, outcome
+    assert read_material(here / "runs" / "identify" / "material.yaml").keys == ("lam",)
+
+
+TWIST = [-0.1, 0.2, 0.3, 1.0, -2.0, 0.5]
+
+
+@pytest.mark.parametrize("name", ["unknown-motion.h5", "steps.h5"])
+def test_predict_takes_a_rigid_initial_motion(capsys, files, here, name):
+    text = ",".join(str(v) for v in TWIST)
+    paths = (files / "true.yaml", files / name)
+    code, out, _ = run(capsys, "predict", *paths, "--initial-velocity", text, "--json")
+    recording = read(files / "steps.h5")
+    v_0 = rigid_velocity(recording.reference, TWIST[:3], TWIST[3:])
+    expected = predict(replace(recording, v_0=v_0), read_material(files / "true.yaml"))
+    assert code == 0 and json.loads(out)["loss"] == expected.loss
+    assert expected.loss != predict(recording, read_material(files / "true.yaml")).loss
+    np.testing.assert_array_equal(read(here / "runs" / "predict" / "prediction.h5").v_0, v_0)
+
+
+@pytest.mark.parametrize(
+    "name, options, message",
+    [
+        ("unknown-motion.h5", (), "--initial-velocity vx,vy,vz,wx,wy,wz"),
+        ("steps.h5", ("--initial-velocity", "1,2,3"), "vx,vy,vz,wx,wy,wz are wanted"),
+        ("steps.h5", ("--initial-velocity", "1,2,3,4,5,a"), "wz: a finite number"),
+        ("steps.h5", ("--initial-velocity", "nan,2,3,4,5,6"), "vx: a finite number"),
+        ("steps.h5", ("--set", "mu=-1"), "mu: must be positive"),
+        ("steps.h5", ("--set", "E=-1,nu=0.3"), "E must be positive"),
+        ("steps.h5", ("--set", "E=1e308,nu=0.4999999"), "lam: a finite number"),
+    ],
+)
+def test_bad_predictions_are_refused(capsys, files, here, name, options, message):
+    assert message in refusal(capsys, "predict", files / "true.yaml", files / name, *options)
+    assert not list(here.iterdir())
+
+
+def test_identify_prints_the_initial_motion(capsys, files, here, monkeypatch):
+    answer = identify(read(files / "steps.h5"))
+    found = {"initial_twist": {"value": TWIST, "std": [0.0] * 6}}
+    monkeypatch.setattr(
+        "form_drake.commands.identify.identify", lambda *_, **__: replace(answer, details=found)
+    )
+    _, out, err = run(capsys, "identify", files / "unknown-motion.h5")
+    assert "--initial-velocity -0.1,0.2,0.3,1,-2,0.5\n" in err and "initial" not in out
+
+
 @pytest.mark.parametrize("out", [(), ("--out", "there/p.h5")])
 def test_predict_prints_the_loss_and_writes_the_motion(capsys, files, here, out):
     code, text, _ = run(capsys, "predict", files / "true.yaml", files / "steps.h5", "--json", *out)
@@ -231,6 +312,7 @@ BAD_OPTIONS = {
     "start text": (("--observe", "positions", "--start", "mu=a,lam=1"), "mu: a finite number"),
     "unknown parameter": (("--known", "eta=1"), "fixed-corotated has no parameter 'eta'"),
     "infinite": (("--known", "mu=inf"), "mu: a finite number"),
+    "negative": (("--known", "mu=-1"), "mu: must be positive, got -1"),
     "stride": (("--stride", "2"), "--stride applies to positions only"),
     "stride zero": (("--observe", "positions", "--stride", "0"), "stride: a whole number from 1"),
     "stride too large": (("--observe", "positions", "--stride", "9"), "leaves fewer than two"),
@@ -293,6 +375,24 @@ def test_impossible_outputs_are_refused_before_work(capsys, files, here, monkeyp
     assert (here / "file").read_text() == "kept" and not list((here / "folder").iterdir())
 
 
+@pytest.mark.parametrize("out", ["a", "a.txt", "a.h5", "a.yaml.npz"])
+def test_other_endings_are_refused_before_work(capsys, files, here, monkeypatch, out):
+    for module in ("identify", "predict"):
+        monkeypatch.setattr(f"form_drake.commands.{module}.{module}", None)
+    line = refusal(capsys, "identify", files / "steps.h5", "--out", out)
+    assert f"--out {out}: a name that ends in .yaml or .yml" in line
+    out = out.replace(".h5", ".yaml")
+    line = refusal(capsys, "predict", files / "true.yaml", files / "steps.h5", "--out", out)
+    assert f"--out {out}: a name that ends in .h5 or .hdf5" in line
+    assert not list(here.iterdir())
+
+
+def test_a_scenario_is_no_material(capsys, here):
+    (here / "pour.yaml").write_text("scenario: pour\nmaterial: glycerol\n")
+    line = refusal(capsys, "check", "pour.yaml")
+    assert "pour.yaml: no material" in line and "scenarios not yet" in line
+
+
 def test_unwritable_outputs_are_refused(capsys, files, here, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
     for out in (("--out", "a.yaml"), ()):
@@ -307,6 +407,44 @@ def test_an_interrupted_command_says_so(capsys, monkeypatch):
     monkeypatch.setattr("form_drake.commands.inspect.List.run", interrupted)
     code, out, err = run(capsys, "list", "laws")
     assert (code, out) == (130, "") and err.startswith("form-drake: interrupted")
+
+
+@pytest.mark.parametrize(
+    "error, message",
+    [
+        (MemoryError(), "not enough memory\n"),
+        (MemoryError("Unable to allocate 9 TiB"), "not enough memory: Unable to allocate 9 TiB"),
+        (RuntimeError("Failed to allocate 8 bytes on device 'cpu'"), "not enough memory: Failed"),
+        (RuntimeError("Warp CUDA error 2: out of memory"), "not enough memory: Warp"),
+    ],
+)
+def test_too_little_memory_is_one_line(capsys, monkeypatch, error, message):
+    def greedy(self):
+        raise error
+
+    monkeypatch.setattr("form_drake.commands.inspect.List.run", greedy)
+    assert message in refusal(capsys, "list", "laws")
+
+
+def test_other_failures_are_not_hidden(capsys, monkeypatch):
+    def broken(self):
+        raise RuntimeError("a mistake in the program")
+
+    monkeypatch.setattr("form_drake.commands.inspect.List.run", broken)
+    with pytest.raises(RuntimeError, match="a mistake"):
+        run(capsys, "list", "laws")
+
+
+@pytest.mark.parametrize("arguments", [("list", "laws"), ("--help",), ("--version",)])
+def test_a_closed_pipe_is_silent(tmp_path, arguments):
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "form_drake", *arguments]
+    with open(writing, "w") as pipe:
+        options = {"stdout": pipe, "stderr": subprocess.PIPE, "text": True, "timeout": 300}
+        done = subprocess.run(command, cwd=tmp_path, check=False, **options)
+    said = [line for line in done.stderr.splitlines() if not line.startswith("Warp CUDA")]
+    assert (done.returncode, said) == (141, [])
 
 
 def test_a_full_disk_leaves_nothing(capsys, files, here, monkeypatch):
@@ -361,6 +499,74 @@ def test_a_missing_module_is_named(capsys, monkeypatch):
     monkeypatch.setattr("form_drake.commands.inspect.List.run", needs_a_module)
     line = refusal(capsys, "list", "laws")
     assert "Python package a_module_that_is_not_there is missing" in line
+
+
+HINDERED = """
+import builtins
+import sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            raise getattr(builtins, sys.argv[2])(f"No module named {name!r}", **NAMED)
+
+NAMED = {"name": sys.argv[1]} if sys.argv[2] == "ModuleNotFoundError" else {}
+sys.meta_path.insert(0, Finder())
+from form_drake.__main__ import main
+sys.exit(main(["list", "laws"]))
+"""
+
+
+@pytest.mark.parametrize(
+    "module, package",
+    [("h5py", "h5py"), ("tqdm", "tqdm"), ("tyro", "tyro"), ("warp", "warp-lang"),
+     ("yaml", "pyyaml"), ("numpy", "numpy")],
+)  # fmt: skip
+def test_a_missing_dependency_is_one_line(tmp_path, module, package):
+    done = process(tmp_path, "-c", HINDERED, module, "ModuleNotFoundError")
+    line = f"form-drake: the Python package {package} is missing; reinstall form-drake with its"
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"{line} dependencies\n"
+
+
+def test_an_interrupt_while_importing_is_one_line(tmp_path):
+    done = process(tmp_path, "-c", HINDERED, "warp", "KeyboardInterrupt")
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "form-drake: interrupted; nothing half-written was left\n"
+
+
+PUBLIC = """
+import sys
+import form_drake
+assert not {"numpy", "warp", "yaml"} & set(sys.modules), "imported too early"
+import form_drake.identify.solve
+from form_drake import *
+for name in form_drake.__all__:
+    assert globals()[name] is getattr(form_drake, name)
+assert callable(identify) and callable(form_drake.identify)
+"""
+
+
+def test_public_names_are_imported_when_used(tmp_path):
+    done = process(tmp_path, "-c", PUBLIC)
+    assert done.returncode == 0, done.stderr
+    assert set(form_drake.__all__) == set(form_drake.PLACES) <= set(dir(form_drake))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = form_drake.nonsense
+
+
+def test_saved_cases_count_only_with_the_same_package(tmp_path, monkeypatch):
+    monkeypatch.setattr(cases, "PACKAGE", tmp_path)
+    marks = [cases.fingerprint()]
+    for place in ("material.py", "bench/truth.py", "systems/new.py"):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        (tmp_path / place).write_text(place)
+        marks.append(cases.fingerprint())
+    for changed in ("warp-lang", "numpy"):
+        monkeypatch.setattr(cases, "version", lambda name, new=changed: str(name == new))
+        marks.append(cases.fingerprint())
+    assert len(set(marks)) == len(marks)
+    assert cases.fingerprint() == marks[-1]
 
 
 BLOCKED = """

@@ -106,7 +106,8 @@ def spoken(capsys, *arguments):
 
 
 @pytest.mark.parametrize(
-    "material, observe", [*((m, "no-stress") for m in LAW), ("plasticine", "full")]
+    "material, observe",
+    [*((m, "no-stress") for m in LAW), ("plasticine", "full"), ("water", "positions")],
 )
 def test_answers_do_not_depend_on_the_true_values(
     data, tmp_path, monkeypatch, capsys, material, observe

@@ -36,8 +36,8 @@ def full_recording():
         p_reference=rng.normal(size=(POINTS, 3)),
         v_0=rng.normal(size=(POINTS, 3)),
         volume=rng.uniform(1.0, 2.0, POINTS),
-        gravity=np.array([0.0, 0.0, -9.81]),
-        step=np.arange(FRAMES) * 20,
+        gravity=np.array([0.0, 0.1, -9.0]),
+        step=np.arange(FRAMES) * 1000,
         rest=np.array([[0.0, 0.1], [0.4, 0.5]]),
         noise=2e-5,
         density=1050.0,
@@ -730,6 +730,37 @@ MATERIALS = {
     "density": (GOOD + "density: -1.0", "density: must be positive"),
     "density unit": (GOOD + "density: {value: 1.0, unit: g/cm^3}", "density: the unit is kg/m"),
     "no density": (GOOD + "density: {unit: kg/m^3}", "density: a finite number"),
+    "negative": (HEAD + "parameters: {mu: -1.0, lam: 2.0}", "mu: must be positive, got -1.0"),
+    "zero": (HEAD + "parameters: {mu: 0.0, lam: 2.0}", "mu: must be positive, got 0.0"),
+    "negative E": (HEAD + "parameters: {E: -1.0, nu: 0.3}", "E must be positive"),
+    "negative bulk": (
+        "form_drake_material: 1\nlaw: weakly-compressible\nparameters: {lam: -1.0}",
+        "lam: must be positive",
+    ),
+    "negative viscosity": (
+        "form_drake_material: 1\nlaw: newtonian\nparameters: {eta: -1.0, kappa: 1.0}",
+        "eta: must be positive",
+    ),
+    "steeper than upright": (
+        "form_drake_material: 1\nlaw: drucker-prager\nparameters: {mu: 1.0, lam: 2.0, alpha: 0.82}",
+        r"alpha: must be below sqrt\(2/3\) = 0.8165, a friction angle of 90 deg, got 0.82",
+    ),
+    "no derived": (
+        GOOD.replace("}", ", Y: {value: 1.0, derived: true}}"),
+        "fixed-corotated has no derived 'Y': choose from E, nu, K",
+    ),
+    "parameter as derived": (
+        HEAD + "parameters: {mu: 1.0, lam: {value: 2.0, derived: true}}",
+        "needs a value for lam",
+    ),
+    "derived unit": (
+        GOOD.replace("}", ", K: {value: 2.6, unit: kPa, derived: true}}"),
+        "K: the unit is Pa",
+    ),
+    "derived text": (
+        GOOD.replace("}", ", K: {value: stiff, derived: true}}"),
+        "K: a finite number",
+    ),
     "covariance": (GOOD + "covariance: 3", "covariance: "),
     "covariance keys": (GOOD + "covariance: {keys: 3, values: [[1]]}", "covariance: "),
     "covariance of others": (GOOD + "covariance: {keys: [eta], values: [[1]]}", "covariance: "),
@@ -755,6 +786,60 @@ def test_wrong_materials_are_refused(tmp_path, case):
 def test_the_material_behind_the_wrong_ones_is_right(tmp_path):
     material = read_material(material_file(tmp_path, GOOD))
     assert material.values == {"mu": 1.0, "lam": 2.0} and material.keys == ()
+
+
+@pytest.mark.parametrize(
+    "law, values",
+    [
+        ("fixed-corotated", {"mu": 3.0, "lam": -1.0}),
+        ("mooney-rivlin", {"C10": 3.0, "C01": -1.0, "kappa": 9.0}),
+        ("yeoh", {"C1": 3.0, "C2": -1.0, "C3": -0.5, "kappa": 9.0}),
+        ("drucker-prager", {"mu": 3.0, "lam": 1.0, "alpha": 0.816}),
+    ],
+)
+def test_signed_parameters_may_be_negative(tmp_path, law, values):
+    Material(LAWS[law], values).write(tmp_path / "a.yaml")
+    assert read_material(tmp_path / "a.yaml").values == values
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
+def test_all_other_parameters_are_positive(law):
+    values = dict.fromkeys(law.keys, 0.5)
+    material = Material(law, values)
+    refused_keys = set()
+    for key in law.keys:
+        try:
+            material.changed({key: -1.0})
+        except ValueError as error:
+            assert str(error) == f"{key}: must be positive, got -1.0"
+            refused_keys.add(key)
+    signed = {t.key for t in law.terms if t.signed}
+    assert refused_keys == set(law.keys) - signed and signed <= {"C01", "C2", "C3", "lam"}
+
+
+@pytest.mark.parametrize("alpha", [-9.0, -np.sqrt(8 / 3), -0.5, 0.0, np.sqrt(2 / 3), 0.9, 1e9])
+def test_an_identified_cone_always_has_an_angle(alpha):
+    values = {"mu": 1.0, "lam": 2.0, "alpha": float(alpha)}
+    material = Material(LAWS["drucker-prager"], values, None, ("alpha",), np.eye(1))
+    angle = material.parameters()["friction_angle"]
+    assert np.isfinite([angle.value, angle.std]).all()
+    assert abs(angle.value) <= np.pi / 2
+
+
+@pytest.mark.parametrize("key", ["E", "nu", "K", "Y"])
+@pytest.mark.parametrize("factor", [1.0 + 5e-7, 1.0 + 2e-6, 2.0])
+def test_an_edited_derived_value_is_refused(tmp_path, key, factor):
+    sample_material().write(tmp_path / "a.yaml")
+    value = sample_material().parameters()[key].value
+    text = (tmp_path / "a.yaml").read_text()
+    assert text.count(repr(float(value))) == 1
+    path = material_file(tmp_path, text.replace(repr(float(value)), repr(float(value * factor))))
+    if factor < 1.0 + 1e-6:
+        assert read_material(path).values == sample_material().values
+    elif key == "Y":
+        refused(path, "Y: .* is marked as derived.*; change mu, lam, tau_y instead", read_material)
+    else:
+        refused(path, f"{key}: .*state E and nu instead of mu and lam", read_material)
 
 
 def test_binary_and_large_texts_are_refused(tmp_path):

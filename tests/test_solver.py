@@ -11,7 +11,7 @@ from scipy.optimize import curve_fit
 
 from form_drake.laws import LAWS
 from form_drake.mpm.simulation import BlowUp, Body, Simulation, stable_dt
-from form_drake.mpm.walls import fold_tables
+from form_drake.mpm.walls import NO_WALL, fold_tables, separating_bounds
 from form_drake.records.solver import GRADIENTS, Solver, Wall
 
 DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
@@ -140,7 +140,8 @@ def turned_wall(wall, turn, nodes, dx):
 @pytest.mark.parametrize("turn", QUARTER_TURNS, ids=["z", "y"])
 @pytest.mark.parametrize("kinds", [(), ("separate", "separate"), ("stick", "slip")])
 def test_quarter_turn(turn, kinds):
-    places = ((2, -1, 0.52), (0, 1, 0.91))
+    on_nodes = kinds == ("separate", "separate")
+    places = ((2, -1, 0.5), (0, 1, 0.9)) if on_nodes else ((2, -1, 0.52), (0, 1, 0.91))
     walls = tuple(Wall(*p, kind) for p, kind in zip(places, kinds, strict=False))
     turned = tuple(turned_wall(w, turn, 15, 0.1) for w in walls)
     middle, results = 0.7, []
@@ -351,8 +352,18 @@ def channel_flux(cells, ratio, offset, length, device="cpu"):
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_poiseuille_flow_knows_no_grid_phase(device):
-    flux = [channel_flux(6, 0.15, offset, 6, device) for offset in (0.0, 0.25, 0.5, 0.75)]
-    print("flux over the exact one, wall at 0, .25, .5, .75 dx:", np.round(flux, 3))
+    phases = (
+        0.0,
+        0.05,
+        0.1,
+        0.25,
+        0.5,
+        0.75,
+        0.9,
+        0.95,
+    )  # low and high wall near a node, either side
+    flux = [channel_flux(6, 0.15, phase, 6, device) for phase in phases]
+    print(f"flux over the exact one, wall at {phases} dx:", np.round(flux, 3))
     assert max(flux) - min(flux) < 0.02
     # APIC's numerical viscosity at six cells takes 3.6 % (see discrete_poiseuille)
     assert 0.95 < min(flux) and max(flux) < 1.0
@@ -380,11 +391,54 @@ def test_fold_extends_a_flow_that_vanishes_on_the_plane(gap):
             reached = (depth > -1.5) & (depth < 0.5 - 1e-6) & (other >= 0.5 - 1e-6)
             for g in np.flatnonzero(reached & (parents[:, 0] >= 0)):
                 two = parents[g] >= 0
-                held, slides = table[g, :2][two], table[g, 2:][two]
+                held, slides, shares = table[g].reshape(3, 2)[:, two]
                 if np.sum(np.abs(held)) < 1.6 - 1e-9:  # beyond, the extrapolation is limited
                     assert held @ depth[parents[g, two]] == pytest.approx(depth[g], abs=1e-12)
                 if depth is above:
                     assert np.sum(slides) == pytest.approx(1.0, abs=1e-12)
+                assert np.sum(shares) == pytest.approx(1.0, abs=1e-12)
+                assert np.min(shares) > 0
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("kind", ["slip", "stick"])
+def test_fold_does_not_depend_on_the_order_of_the_nodes(kind, device):
+    """A layer .3 cells behind a wall, whose nearer ghosts are too heavy for what is in front.
+
+    The deeper ones are not: what they hand over must not count for the nearer ones.
+    """
+    dx, phi, out = 1.0, 0.6, []
+    low, high = 6 - phi, 9 + phi
+    walls = (Wall(2, -1, low, kind), Wall(2, 1, high, kind))
+    solver = Solver(dx, (16, 16, 16), 1e-3, precision="float64", walls=walls, gravity=(0, 0, 0))
+    x = lattice((4, 4, 1), 0.5) + np.array([6.5, 6.5, 0])
+    for height, normal in ((low - 0.3, 1.0), (high + 0.3, -1.0)):
+        x[:, 2] = height
+        sim = simulation(solver, "neo-hookean", SOFT, x, 0.125, device=device)
+        sim.reset(x, np.tile([1.0, 0.0, normal], (len(x), 1)))
+        sim.step()
+        out.append(sim.v * [1, 1, normal])
+    assert np.max(np.abs(out[0])) > 0.01
+    assert out[1] == pytest.approx(out[0], abs=1e-13)
+
+
+def test_number_of_nodes_is_bounded():
+    Solver(0.1, (1000, 1000, 100))
+    with pytest.raises(ValueError, match="at most 1e8 nodes"):
+        Solver(0.1, (1000, 1000, 101))
+
+
+def test_separating_walls_lie_on_nodes_and_the_tighter_one_counts():
+    grid = Solver(0.1, (12, 12, 12))
+    for position in (0.35, 0.3102, 0.2898):
+        with pytest.raises(ValueError, match=r"whole multiples of dx = 0.1 m, such as 0\.[34] m"):
+            replace(grid, walls=(Wall(2, -1, position),))
+        replace(grid, walls=(Wall(2, -1, position, "slip"), Wall(0, 1, position, "stick")))
+    places = ((0, -1, 0.3), (0, -1, 0.2), (2, -1, 0.29995), (1, 1, 0.8), (1, 1, 0.90005))
+    for order in (places, places[::-1]):
+        low, high = separating_bounds(replace(grid, walls=tuple(Wall(*p) for p in order)))
+        assert list(low) == [3, -1, 3]
+        assert list(high) == [NO_WALL, 8, NO_WALL]
 
 
 def box_walls(low, high, kind):
@@ -410,7 +464,7 @@ def tank(counts, offset, floor_cells, values, kind="slip"):
 
 @pytest.mark.parametrize("cells", [2, 3])  # between two walls of one axis
 @pytest.mark.parametrize("kind", ["slip", "stick"])
-@pytest.mark.parametrize("offset", [0.0, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize("offset", [0.0, 0.05, 0.25, 0.4, 0.5, 0.75])
 def test_column_at_rest(offset, kind, cells):
     values = {"eta": 3.44, "kappa": 1260.0 * 64}
     sim, low = tank((cells, cells, 8), offset, (cells, cells), values, kind)
@@ -424,10 +478,12 @@ def test_column_at_rest(offset, kind, cells):
     error = np.sqrt(np.mean((pressure - expected) ** 2)) / (weight * height)
     moved = (s.x - sim.body.x) / dx
     # the body force of a cut cell has no reaction of the wall's own: of the order of one cell in
-    # eight of height; none of it where the planes lie on nodes or half-way between
-    assert error < (0.01 if offset in (0.0, 0.5) else 0.125)
+    # eight of height, more of it close to half-way; none of it where the planes lie on nodes or
+    # half-way between
+    limits = {0.0: 0.01, 0.05: 0.025, 0.25: 0.125, 0.4: 0.27, 0.5: 0.01, 0.75: 0.125}
+    assert error < limits[offset]
     assert np.max(np.abs(moved)) < 0.05  # nodes that are just fixed let particles sink .3 to 3 dx
-    assert abs(moved[:, 2].mean()) < 0.002  # 0.01 mm of level
+    assert abs(moved[:, 2].mean()) < 0.005  # 0.025 mm of level
 
 
 def test_sliding_body_feels_no_drag():
@@ -556,6 +612,39 @@ def test_adaptive_step_agrees_with_a_fine_one():
     # 6.7 and 2 ms against 1 ms: by first order 5.7 times the error
     assert 2e-3 < coarse._dt < stable_dt(LAWS["neo-hookean"], SOFT, DENSITY, 0.1)
     assert errors[0] < 6 * errors[1] < 0.1
+
+
+def test_adaptive_step_follows_a_free_fall():
+    g, dx, duration = 9.81, 0.1, 0.8
+    x = lattice((4, 4, 4), dx / 2) + np.array([3, 3, 38]) * dx
+    solver = Solver(dx, (9, 9, 44), precision="float64")
+    sim = simulation(solver, "neo-hookean", SOFT, x, (dx / 2) ** 3)
+    z, made, spans = x[:, 2].mean(), sim.step, []
+
+    def step(steps):
+        made(steps)
+        spans.append((steps, sim.dt, np.max(np.linalg.norm(sim.v, axis=1))))
+
+    sim.step = step
+    sim.advance(duration)
+    steps, dt, speed = np.array(spans).T
+    sound = 0.4 * dx / stable_dt(LAWS["neo-hookean"], SOFT, DENSITY, dx)
+    assert np.sum(steps * dt) == pytest.approx(duration, rel=1e-14)
+    assert speed[-1] == pytest.approx(g * duration, rel=1e-10)
+    assert np.all((sound + speed) * dt <= 0.4 * dx * (1 + 1e-12))
+    assert np.sum(steps) < 1.3 * np.trapezoid(sound + g * np.linspace(0, 0.8), dx=0.8 / 49) / 0.04
+    # symplectic Euler falls g dt^2 / 2 too far per step, whatever the speed
+    late = g / 2 * np.sum(steps * dt**2)
+    assert late < g / 2 * duration * 0.4 * dx / sound
+    assert z - sim.x[:, 2].mean() == pytest.approx(g / 2 * duration**2 + late, rel=1e-12)
+
+
+@pytest.mark.parametrize("duration", [-0.1, np.nan, np.inf])
+def test_advance_needs_a_duration(duration):
+    for dt in (None, 2e-3):
+        sim, _, _ = tossed(dt=dt)
+        with pytest.raises(ValueError, match="duration"):
+            sim.advance(duration)
 
 
 def test_advance_needs_whole_fixed_steps():

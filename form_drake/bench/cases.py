@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,12 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def fingerprint(*inputs: Path) -> str:
-    """Digest of the numerical source and of the input files: a saved case counts only with it."""
-    digest = hashlib.sha256((PACKAGE / "basis.py").read_bytes())
-    for room in ("laws", "mpm", "records", "identify"):
-        for source in sorted((PACKAGE / room).rglob("*.py")):
-            digest.update(source.read_bytes())
+    """Digest of the package, Warp, numpy and the input files: a saved case counts only with it."""
+    digest = hashlib.sha256()
+    for name in ("warp-lang", "numpy"):
+        digest.update(f"{name} {version(name)}\n".encode())
+    for source in sorted(PACKAGE.rglob("*.py")):
+        digest.update(f"{source.relative_to(PACKAGE)}\n".encode() + source.read_bytes())
     for path in sorted(inputs):
         digest.update(f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}".encode())
     return digest.hexdigest()[:16]

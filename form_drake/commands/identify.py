@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from form_drake.commands.output import assignments, emit, say
-from form_drake.files import target, target_folder, whole_folder, write_json
+from form_drake.commands.output import Assignments, assignments, emit, out_file, say
+from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.identify import identify
 from form_drake.records import read
 
@@ -30,10 +30,10 @@ class Identify:
     """Degrades a copy of the positions on purpose [m], with --seed; the answer says so."""
     initial_velocity: Literal["known", "rigid"] | None = None
     """Take the recorded initial velocities, or find the rigid initial motion as well."""
-    start: tuple[str, ...] = ()
-    """NAME=VALUE,... where rollouts start; default: a coarse scan that uses no truth."""
-    known: tuple[str, ...] = ()
-    """NAME=VALUE,... parameter values that are given."""
+    start: Assignments = ""
+    """Values where rollouts start; default: a coarse scan that uses no truth."""
+    known: Assignments = ""
+    """Parameter values that are given."""
     seed: int = 0
     """Seed of the added noise."""
     out: Path | None = None
@@ -43,8 +43,11 @@ class Identify:
 
     def run(self) -> None:
         """Identify, write the material, print the answer."""
+        if self.out is not None:
+            out = out_file(self.out, ".yaml", ".yml")
+        else:
+            out = target_folder(Path("runs/identify"))
         recording = read(self.recording)
-        out = target(self.out) if self.out else target_folder(Path("runs/identify"))
         answer = identify(
             recording,
             self.law,
@@ -65,4 +68,8 @@ class Identify:
                 write_json(folder / "result.json", answer.to_json())
             out = out / "material.yaml"
         emit(str(answer), answer.to_json(), as_json=self.json)
+        twist = answer.details.get("initial_twist")
+        if twist is not None:
+            found = ",".join(f"{v:.8g}" for v in twist["value"])
+            say(f"initial motion, for form-drake predict: --initial-velocity {found}")
         say(f"written: {out}")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import tyro
 
 from form_drake.commands.output import emit
-from form_drake.files import existing
+from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
@@ -82,6 +82,11 @@ class Check:
         if self.file.suffix in READERS:
             found = {"kind": "recording", **_held(read(self.file))}
         elif self.file.suffix in (".yaml", ".yml"):
+            if "form_drake_material" not in read_mapping(self.file):
+                raise ValueError(
+                    f"{self.file}: no material, as it has no entry form_drake_material; this"
+                    " release reads recordings and materials, scenarios not yet"
+                )
             found = {"kind": "material", **_material(self.file)}
         else:
             allowed = ", ".join([*READERS, ".yaml"])

@@ -2,9 +2,14 @@
 
 import json
 import sys
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
-from form_drake.files import plain
+import tyro
+
+from form_drake.files import plain, target
+
+Assignments = Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...")]
 
 
 def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:
@@ -35,14 +40,25 @@ def device(name: str) -> None:
         ) from None
 
 
-def assignments(texts: tuple[str, ...]) -> dict[str, str]:
-    """``NAME=VALUE,NAME=VALUE`` texts as a mapping.
+def out_file(path: Path, *endings: str) -> Path:
+    """``path``, if a file with one of the endings can be put there; to be asked before long work.
+
+    Raises:
+        ValueError: it cannot, or the path ends otherwise.
+    """
+    if target(path).suffix not in endings:
+        raise ValueError(f"--out {path}: a name that ends in {' or '.join(endings)} is wanted")
+    return path
+
+
+def assignments(text: str) -> dict[str, str]:
+    """A ``NAME=VALUE,NAME=VALUE`` text as a mapping.
 
     Raises:
         ValueError: a part without a name, a value or an equals sign, or a name twice.
     """
     found: dict[str, str] = {}
-    for part in ",".join(texts).split(","):
+    for part in text.split(","):
         if not part.strip():
             continue
         name, equals, value = (p.strip() for p in part.partition("="))

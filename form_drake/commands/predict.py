@@ -1,16 +1,45 @@
 """``form-drake predict``: roll an identified material out and compare."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
+import numpy as np
 import tyro
 from tqdm import tqdm
 
-from form_drake.commands.output import assignments, device, emit, say
-from form_drake.files import target, target_folder, whole_folder, write_json
-from form_drake.material import read_material
+from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
+from form_drake.files import target_folder, whole_folder, write_json
+from form_drake.material import finite, read_material
+from form_drake.mpm.bodies import rigid_velocity
 from form_drake.mpm.prediction import predict
-from form_drake.records import read, write_recording
+from form_drake.records import Recording, read, write_recording
+
+TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
+def moving(recording: Recording, twist: str | None) -> Recording:
+    """The recording with the initial velocities of a rigid motion, where one is stated.
+
+    Raises:
+        ValueError: six finite numbers are wanted, or there are no initial velocities at all.
+    """
+    if twist is None:
+        if recording.v_0 is None:
+            raise ValueError(
+                "the recording holds no initial velocities: state the rigid initial motion with"
+                f" --initial-velocity {','.join(TWIST)} (identify prints it and writes it into"
+                " result.json)"
+            )
+        return recording
+    parts = twist.split(",")
+    if len(parts) != len(TWIST):
+        raise ValueError(f"--initial-velocity {twist}: {','.join(TWIST)} are wanted")
+    numbers = [
+        finite(f"--initial-velocity: {k}", v.strip()) for k, v in zip(TWIST, parts, strict=True)
+    ]
+    v, omega = np.array(numbers[:3]), np.array(numbers[3:])
+    return replace(recording, v_0=rigid_velocity(recording.reference, v, omega))
 
 
 @dataclass(frozen=True)
@@ -21,8 +50,10 @@ class Predict:
     """Material file (YAML)."""
     recording: tyro.conf.Positional[Path]
     """Recording whose first frame, grid, step and walls are used."""
-    set: tuple[str, ...] = ()
-    """NAME=VALUE,... changes of the material; E and nu may stand for mu and lam."""
+    set: Assignments = ""
+    """Changes of the material; E and nu may stand for mu and lam."""
+    initial_velocity: Annotated[str | None, tyro.conf.arg(metavar=",".join(TWIST))] = None
+    """Rigid initial motion about the centroid [m/s, rad/s]; default: the recorded velocities."""
     out: Path | None = None
     """Recording to write the predicted motion to; default: runs/predict/prediction.h5."""
     device: str = "cpu"
@@ -32,11 +63,14 @@ class Predict:
 
     def run(self) -> None:
         """Predict, write the motion, print the loss."""
+        if self.out is not None:
+            out = out_file(self.out, ".h5", ".hdf5")
+        else:
+            out = target_folder(Path("runs/predict"))
         material, recording = read_material(self.material), read(self.recording)
         device(self.device)
-        out = target(self.out) if self.out else target_folder(Path("runs/predict"))
-        if self.set:
-            material = material.changed(assignments(self.set))
+        material = material.changed(assignments(self.set))
+        recording = moving(recording, self.initial_velocity)
         with tqdm(total=recording.frames, unit="frame", disable=None, delay=2, leave=False) as bar:
             prediction = predict(
                 recording, material, device=self.device, progress=lambda *_: bar.update()

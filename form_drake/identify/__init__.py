@@ -12,12 +12,13 @@ import numpy as np
 
 from form_drake.identify.rollout import identify_rollout
 from form_drake.identify.solve import Identification, Unidentifiable
-from form_drake.identify.start import default_start, is_led, leader
+from form_drake.identify.start import default_start, is_led, leader, refuse_local_minimum
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
 from form_drake.laws import LAWS, Law, law_named
 from form_drake.material import checked_values
-from form_drake.records import Recording, degraded, thinned
+from form_drake.records import Recording, degraded, rest_shape, thinned
+from form_drake.records.stepped import NEGLIGIBLE
 
 Observe = Literal["full", "no-stress", "positions"]
 
@@ -41,6 +42,22 @@ def declared_law(recording: Recording, name: str | None) -> Law:
     if name is None:
         raise ValueError(f"the recording declares no law: choose --law from {', '.join(LAWS)}")
     return law_named(name)
+
+
+def declared_values(recording: Recording, law: Law) -> dict[str, float]:
+    """Values that the recording declares as known, for a law that has them all.
+
+    Raises:
+        ValueError: the law lacks one of them.
+    """
+    found = {k: v for k, v in recording.known.items() if k != "density"}
+    strange = [k for k in found if k not in law.keys]
+    if strange:
+        raise ValueError(
+            f"the recording declares {', '.join(strange)} as known, which {law.name} does not hold as"
+            f" a parameter: its parameters are {', '.join(law.keys)}"
+        )
+    return found
 
 
 def identify(
@@ -68,8 +85,7 @@ def identify(
         add_noise: degrades a copy of the positions by this much [m], with ``seed``.
         initial_velocity: ``known``, or ``rigid`` to find the rigid initial motion as well.
         start: where the rollouts start; by default a coarse scan decides.
-        known: parameter values that are given; those that the recording declares count too, where
-            they are parameters of the law.
+        known: parameter values that are given; those that the recording declares count too.
         seed: of the added noise.
 
     Raises:
@@ -77,13 +93,15 @@ def identify(
         Unidentifiable: the motion does not determine some parameters.
     """
     chosen = declared_law(recording, law)
-    given = {k: v for k, v in recording.known.items() if k in chosen.keys}
-    given |= checked_values(chosen, known or {})
+    given = declared_values(recording, chosen) | checked_values(chosen, known or {})
+    if set(chosen.keys) <= set(given):
+        raise ValueError("every parameter is known: nothing is left to identify")
     observe = observe or most_observed(recording)
     if observe != "positions":
         flags = {
             "stride": stride != 1,
             "add_noise": add_noise is not None,
+            "position_noise": position_noise is not None,
             "initial_velocity": initial_velocity == "rigid",
             "start": bool(start),
         }
@@ -95,10 +113,21 @@ def identify(
         return identify_step(recording, chosen, observe=observe, known=given)
     if position_noise is not None:
         recording = replace(recording, noise=position_noise)
+    rest_shape(recording)
+    exact = recording.p_reference is not None
     recording = thinned(recording, stride)
     if add_noise is not None:
         recording = degraded(recording, add_noise, seed)
-    return _identify_positions(recording, chosen, given, start, initial_velocity, add_noise)
+    answer = _identify_positions(recording, chosen, given, start, initial_velocity)
+    explained = (add_noise or 0.0) + NEGLIGIBLE * float(np.max(np.ptp(recording.reference, axis=0)))
+    if not exact and answer.residual > 1.2 * explained:
+        raise ValueError(
+            f"no rollout comes nearer than {answer.residual:.3g} m: either the first frame, taken for"
+            " the rest shape, is noisy (state p_reference), or the law is another one"
+        )
+    if add_noise is not None:
+        answer = replace(answer, details={**answer.details, "added_noise": add_noise})
+    return answer
 
 
 def _identify_positions(
@@ -107,7 +136,6 @@ def _identify_positions(
     given: dict[str, float],
     start: Mapping[str, Any] | None,
     initial_velocity: str | None,
-    add_noise: float | None,
 ) -> Identification:
     rigid = initial_velocity == "rigid" or recording.v_0 is None
     if initial_velocity == "known" and recording.v_0 is None:
@@ -115,21 +143,21 @@ def _identify_positions(
     twist = rigid_start(recording) if rigid else None
     begun = time.perf_counter()
     rollouts = Rollouts(recording, law, given)
-    if not start and is_led(recording):
-        leader(recording, law)
-    compiled = time.perf_counter()
     try:
+        if not start and is_led(recording):
+            leader(recording, law)
+        compiled = time.perf_counter()
         if start:
             guess = Guess(_checked_start(law, given, start), twist)
         else:
             guess = default_start(rollouts, twist)
         answer = identify_rollout(recording, law, known=given, start=guess, rollouts=rollouts)
+        if start:
+            refuse_local_minimum(rollouts, answer, twist)
     finally:
         rollouts.close()
     details = {**answer.details, "start": guess.values}
     details["initial_velocity"] = "rigid" if rigid else "known"
-    if add_noise is not None:
-        details["added_noise"] = add_noise
     seconds = time.perf_counter() - compiled
     return replace(answer, details=details, seconds=seconds, compile_seconds=compiled - begun)
 

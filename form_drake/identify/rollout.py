@@ -14,7 +14,12 @@ import numpy as np
 from tqdm import tqdm
 
 from form_drake.identify.marquardt import STEP, LevenbergMarquardt
-from form_drake.identify.solve import LARGEST_CONDITION, Identification, Unidentifiable
+from form_drake.identify.solve import (
+    LARGEST_CONDITION,
+    Identification,
+    Unidentifiable,
+    with_rounding,
+)
 from form_drake.identify.trials import Guess, Rollouts, as_guess, as_vector
 from form_drake.laws import Law
 from form_drake.material import Material
@@ -61,6 +66,21 @@ def identify_rollout(
     return _answer(recording, law, rollouts, vector, residual, J, begun)
 
 
+def require_minimum(J: np.ndarray, residual: np.ndarray, inverse: np.ndarray) -> None:
+    """Refuse an answer from which the linearised residual could still fall.
+
+    Raises:
+        ValueError: the next Gauss-Newton step promises to lower the cost by more than a tenth.
+    """
+    slope = J.T @ residual
+    promised = float(slope @ inverse @ slope) / float(residual @ residual)
+    if promised > 0.1:
+        raise ValueError(
+            f"the search stopped {100 * promised:.0f} % above what its slope promises: it did not"
+            " converge; leave out --start, or give one nearer to the material"
+        )
+
+
 def _answer(
     recording: Recording,
     law: Law,
@@ -86,8 +106,10 @@ def _answer(
     inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
     dof = max(len(residual) - len(vector), 1)
     spread = float(np.sqrt(residual @ residual / dof))
-    noise = spread if recording.noise is None else max(recording.noise, 0.0)
+    noise = recording.noise or spread
+    require_minimum(J, residual, inverse)
     covariance = noise**2 * inverse
+    condition = float(np.sqrt(eigenvalues[-1] / eigenvalues[0]))
     vague = [k for k, c in zip(keys, np.diag(covariance), strict=False) if c > 1.0]
     if vague:
         raise Unidentifiable(vague, "the noise hides it; record a livelier motion or more frames")
@@ -104,14 +126,21 @@ def _answer(
             {**rollouts.known, **guess.values},
             recording.density,
             tuple(keys),
-            covariance[:n, :n] * np.outer(values, values),
+            with_rounding(
+                covariance[:n, :n] * np.outer(values, values),
+                values,
+                condition,
+                np.dtype(rollouts.dtype).name,
+                rollouts.decomposition,
+            ),
         ),
         method="rollout",
         observed="positions",
-        condition=float(np.sqrt(eigenvalues[-1] / eigenvalues[0])),
+        condition=condition,
         residual=float(np.sqrt(np.mean(residual**2))),
         residual_unit="m",
         rows=len(residual),
         seconds=time.perf_counter() - begun,
+        misfit=spread / recording.noise if recording.noise else None,
         details=details,
     )

@@ -9,6 +9,10 @@ import numpy as np
 from form_drake.material import Material
 
 LARGEST_CONDITION = 1e10
+LARGEST_MISFIT = 30.0
+# relative error that rounding leaves in a parameter, in units of the last place: Warp's single
+# precision svd3 is itself right to some 1e-5 only
+ROUNDING = {"series": 4.0, "svd3": 32.0}
 
 
 class Unidentifiable(ValueError):
@@ -17,6 +21,30 @@ class Unidentifiable(ValueError):
     def __init__(self, keys: Sequence[str], advice: str):
         self.keys = tuple(keys)
         super().__init__(f"the motion does not determine {', '.join(self.keys)}: {advice}")
+
+
+def require_given(law: str, missing: Sequence[str]) -> None:
+    """Refuse to go on without the values that a law must be given.
+
+    Raises:
+        ValueError: ``missing`` is not empty.
+    """
+    if missing:
+        form = ",".join(f"{k}=VALUE" for k in missing)
+        names = ", ".join(missing)
+        raise ValueError(f"{law} needs given values for {names}: state them as --known {form}")
+
+
+def with_rounding(
+    covariance: np.ndarray,
+    values: np.ndarray,
+    condition: float,
+    precision: str,
+    decomposition: str,
+) -> np.ndarray:
+    """Covariance with the rounding of the recorded motion, which more rows do not average out."""
+    share = condition * ROUNDING[decomposition] * float(np.finfo(precision).eps)
+    return covariance + np.diag((share * values) ** 2)
 
 
 @dataclass(frozen=True)
@@ -80,6 +108,8 @@ class Identification:
         rows: number of equations.
         seconds: time of the solution, kernel compilation apart [s].
         compile_seconds: time spent on loading or compiling kernels [s].
+        misfit: residual in units of what noise or rounding explain; far above 1, the law or the
+            recording's statements are wrong.
         details: further facts, e.g. initial velocity or the number of rollouts.
     """
 
@@ -92,6 +122,7 @@ class Identification:
     rows: int
     seconds: float
     compile_seconds: float = 0.0
+    misfit: float | None = None
     details: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, object]:
@@ -105,6 +136,7 @@ class Identification:
             "residual": self.residual,
             "residual_unit": self.residual_unit,
             "rows": self.rows,
+            "misfit": self.misfit,
             "seconds": self.seconds,
             "compile_seconds": self.compile_seconds,
             **self.details,
@@ -130,4 +162,9 @@ def table(answer: Identification) -> str:
         f" {answer.residual_unit}, {answer.seconds:.2f} s"
         f" (+ {answer.compile_seconds:.1f} s kernels)"
     )
+    if answer.misfit is not None and answer.misfit > LARGEST_MISFIT:
+        lines.append(
+            f"DOES NOT FIT: the residual is {answer.misfit:.3g} times what noise or rounding explain;"
+            " another law, or other walls, density or noise than stated"
+        )
     return "\n".join(lines)

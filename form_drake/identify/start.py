@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from form_drake.identify.columns import Columns
+from form_drake.identify.solve import Identification
 from form_drake.identify.trials import Guess, Rollouts, mean_square
 from form_drake.laws import Law
 from form_drake.mpm.simulation import BlowUp, Body, Simulation, State
@@ -44,6 +45,27 @@ def scanned(rollouts: Rollouts, twist: np.ndarray | None) -> Guess:
     if not np.isfinite(costs[best]):
         raise ValueError("no scanned modulus gives a stable simulation: give a start with --start")
     return trials[best]
+
+
+def refuse_local_minimum(
+    rollouts: Rollouts, answer: Identification, twist: np.ndarray | None
+) -> None:
+    """Refuse an answer that fits worse than a scanned guess.
+
+    Raises:
+        ValueError: some scanned guess fits the first frames better.
+    """
+    if twist is not None:
+        twist = np.array(answer.details["initial_twist"]["value"])
+    values = {k: answer.material.values[k] for k in rollouts.sought}
+    pair = [Guess(values, twist), scanned(rollouts, twist)]
+    residuals = rollouts.residuals(pair, rollouts.frames(HORIZON), rough=True)
+    found, guessed = (mean_square(r) for r in residuals)
+    if guessed < found:
+        raise ValueError(
+            f"the search from --start ended {np.sqrt(found):.3g} m away, where a scanned guess is"
+            f" {np.sqrt(guessed):.3g} m away: leave out --start, or give one nearer to the material"
+        )
 
 
 def leader(recording: Recording, law: Law) -> tuple[Simulation, Columns]:

@@ -8,7 +8,15 @@ import warp as wp
 from scipy.optimize import minimize_scalar
 
 from form_drake.identify.columns import Columns
-from form_drake.identify.solve import Identification, LeastSquares, Unidentifiable, least_squares
+from form_drake.identify.solve import (
+    ROUNDING,
+    Identification,
+    LeastSquares,
+    Unidentifiable,
+    least_squares,
+    require_given,
+    with_rounding,
+)
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, yield_measures
 from form_drake.material import Material
@@ -16,6 +24,7 @@ from form_drake.records import Recording, Solver, States, Stepped, stepped
 
 SHAPE_RANGE = (1e-3, 1e3)
 SHAPE_GRID = 31
+SYMMETRIC = np.triu_indices(3)
 
 Rows = tuple[np.ndarray, np.ndarray]
 Solved = tuple[LeastSquares, dict[str, float], tuple[str, ...], np.ndarray]
@@ -52,6 +61,10 @@ def identify_step(
         raise Unidentifiable(keys, "the stress is below the residual; strain the body more")
     if law.radius is not None:
         keys, covariance = _add_yield(problem, values, keys, covariance)
+    found = np.array([values[k] for k in keys])
+    solver = body.solver
+    kind = solver.precision, solver.decomposition
+    covariance = with_rounding(covariance, found, solution.condition, *kind)
     material = Material(law, {k: values[k] for k in law.keys}, recording.density, keys, covariance)
     return Identification(
         material=material,
@@ -63,6 +76,7 @@ def identify_step(
         rows=solution.rows,
         seconds=time.perf_counter() - compiled,
         compile_seconds=compiled - started,
+        misfit=solution.residual / problem.rounding(values),
     )
 
 
@@ -81,19 +95,28 @@ class _StepProblem:
         self.solver = body.solver
         precision = self.solver.precision
         self.columns = Columns(self.solver, law, body.mass, body.volume, precision=precision)
-        must = [k for k in law.given if k not in known]
-        if law.pressure is None:
-            must = [k for k in must if k not in [t.key for t in law.terms]]
-        if must:
+        linear = [t.key for t in law.terms] if law.pressure is None else []
+        require_given(law.name, [k for k in law.given if k not in known and k not in linear])
+        if states.L is None and self.solver.gradient != "mls":
             raise ValueError(
-                f"{law.name} needs given values for {', '.join(must)}: state them as --known"
-                f" {','.join(k + '=VALUE' for k in must)}"
+                "the states hold no velocity gradients L, which equal C for the mls gradient only"
             )
         self.shapes = [k for k in law.constants("shape") if k not in known]
         self.free = [k for k, t in enumerate(law.terms) if t.key not in known]
         self.free_keys = [law.terms[k].key for k in self.free]
         if observe == "full" and (states.tau is None or not np.isfinite(states.tau).any()):
             raise ValueError("the recording holds no stresses: use --observe no-stress")
+
+    def rounding(self, values: Values) -> float:
+        """What rounding alone leaves as residual [m/s or Pa]."""
+        s = self.states
+        eps = float(np.finfo(self.solver.precision).eps)
+        if self.observe == "full":
+            assert s.tau is not None
+            stiff = [abs(values[k]) for k in self.columns.law.keys if k in values]
+            scale = max(*stiff, float(np.nanmax(np.abs(s.tau))))
+            return ROUNDING[self.solver.decomposition] * eps * scale
+        return 8.0 * eps * float(np.max(np.abs(s.v)))
 
     def system(self, shapes: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """A and b of the unknown terms at given shape constants."""
@@ -118,8 +141,8 @@ class _StepProblem:
         L = s.C if s.L is None else s.L
         for i in range(len(s.step)):
             if np.isfinite(s.tau[i]).all():
-                T = self.columns.stresses(s.F[i], L[i], constants)
-                yield T.reshape(len(T), -1).T, s.tau[i].astype(float).ravel()
+                T = self.columns.stresses(s.F[i], L[i], constants)[:, :, *SYMMETRIC]
+                yield T.reshape(len(T), -1).T, s.tau[i].astype(float)[:, *SYMMETRIC].ravel()
 
     def solve(self) -> Solved:
         """Solution, all values, identified keys and their covariance (shapes last)."""

@@ -8,9 +8,10 @@ from queue import SimpleQueue
 
 import numpy as np
 
+from form_drake.identify.solve import require_given
 from form_drake.laws import Law
 from form_drake.mpm.simulation import BlowUp, Body, Simulation
-from form_drake.records import Recording, stepped
+from form_drake.records import Recording, rest_shape, stepped
 
 MOST_FRAMES = 101
 
@@ -38,17 +39,17 @@ class Rollouts:
         if recording.step is None or solver.dt is None:
             raise ValueError("the recording states no solver step for its frames")
         self.recording, self.law, self.known = recording, law, dict(known)
-        must = [k for k in law.given if k not in known]
-        if must:
-            raise ValueError(
-                f"{law.name} needs given values for {', '.join(must)}: state them as --known"
-                f" {','.join(k + '=VALUE' for k in must)}"
-            )
+        require_given(law.name, [k for k in law.given if k not in known])
         self.sought = [k for k in law.keys if k not in known]
         self.steps = recording.step - recording.step[0]
+        short = self.frames(0.0)
+        if recording.valid is not None and not recording.valid[short[1:]].any():
+            raise ValueError("no point is valid in the first frames, so no rollout can be compared")
         self.count = 0
+        self.decomposition = solver.decomposition
         self.dtype = np.float32 if solver.precision == "float32" else np.float64
-        body = Body(recording.reference, stated.volume, stated.density)
+        self.rest = rest_shape(recording)
+        body = Body(self.rest, stated.volume, stated.density)
         workers = max(1, min(os.cpu_count() or 1, 8))
         self._pool = ThreadPoolExecutor(workers)
         self._simulations: dict[bool, SimpleQueue[Simulation]] = {}
@@ -64,14 +65,14 @@ class Rollouts:
             if self.recording.v_0 is None:
                 raise ValueError("the recording holds no initial velocities")
             return self.recording.v_0
-        arm = self.recording.reference - self.recording.reference.mean(axis=0)
+        arm = self.rest - self.rest.mean(axis=0)
         return twist[:3] + np.cross(twist[3:], arm)
 
     def _one(self, guess: Guess, frames: np.ndarray, rough: bool) -> np.ndarray | None:
         simulation = self._simulations[rough].get()
         try:
             simulation.set_material({**self.known, **guess.values})
-            simulation.reset(self.recording.reference, self.velocities(guess.twist))
+            simulation.reset(self.rest, self.velocities(guess.twist))
             positions = simulation.run(self.steps[frames])
             return self._residual(positions, frames)
         except BlowUp:
@@ -132,10 +133,15 @@ def rigid_start(recording: Recording) -> np.ndarray:
     duration = float(recording.time[frame] - recording.time[0])
     if duration <= 0:
         raise ValueError("an unknown initial velocity needs at least two frames")
-    x = recording.reference
-    fall = 0.5 * duration * np.asarray(recording.gravity)
-    v = (recording.p_WQ[frame] - x) / duration - fall
+    solver = stepped(recording).solver
+    seen = np.isfinite(recording.p_WQ[frame]).all(axis=1)
+    if recording.valid is not None:
+        seen &= recording.valid[frame]
+    x, now = recording.reference[seen], recording.p_WQ[frame][seen]
     arm = x - x.mean(axis=0)
+    if len(x) < 3 or np.linalg.matrix_rank(arm, tol=1e-6 * np.ptp(recording.reference)) < 2:
+        raise ValueError("an unknown initial velocity needs three points that are not on a line")
+    v = (now - x) / duration - 0.5 * duration * np.asarray(solver.gravity)
     inertia = np.einsum("pi,pi,jk->jk", arm, arm, np.eye(3)) - arm.T @ arm
     omega = np.linalg.solve(inertia, np.cross(arm, v - v.mean(axis=0)).sum(axis=0))
     return np.concatenate([v.mean(axis=0), omega])

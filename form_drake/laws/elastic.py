@@ -72,7 +72,7 @@ MOONEY_RIVLIN = Law(
     name="mooney-rivlin",
     parameters=(
         Term("C10", "Pa", first_invariant, guess=(0.15,)),
-        Term("C01", "Pa", second_invariant, guess=(0.04,)),
+        Term("C01", "Pa", second_invariant, guess=(0.04,), signed=True),
         KAPPA,
     ),
     moduli=lambda v: (v["kappa"], 2.0 * (v["C10"] + v["C01"])),
@@ -83,8 +83,8 @@ YEOH = Law(
     name="yeoh",
     parameters=(
         Term("C1", "Pa", first_invariant, guess=(0.19,)),
-        Term("C2", "Pa", yeoh_second, guess=(0.01,)),
-        Term("C3", "Pa", yeoh_third, guess=(0.001,)),
+        Term("C2", "Pa", yeoh_second, guess=(0.01,), signed=True),
+        Term("C3", "Pa", yeoh_third, guess=(0.001,), signed=True),
         KAPPA,
     ),
     moduli=lambda v: (v["kappa"], 2.0 * v["C1"]),
@@ -106,7 +106,7 @@ FIXED_COROTATED = Law(
     name="fixed-corotated",
     parameters=(
         Term("mu", "Pa", corotated_shear, guess=(0.38,)),
-        Term("lam", "Pa", linear_volume, guess=(0.58,)),
+        Term("lam", "Pa", linear_volume, guess=(0.58,), signed=True),
     ),
     moduli=lambda v: (v["lam"] + 2.0 / 3.0 * v["mu"], v["mu"]),
     equation="2 mu (F - R) F^T + lam J (J - 1) I",

@@ -25,6 +25,7 @@ class Term:
         response: Warp function (q, s) -> Kirchhoff stress per unit of the parameter.
         guess: first guesses; in Pa or Pa s they are per Pa of the scanned Young's modulus.
         given: the parameter is a numerical constant that identification may be told.
+        signed: the parameter may be negative; every other one must be positive.
     """
 
     key: str
@@ -32,6 +33,7 @@ class Term:
     response: wp.Function = field(repr=False)
     guess: tuple[float, ...] = (1.0,)
     given: bool = False
+    signed: bool = False
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def _lame(values: Values) -> tuple[float, float]:
 
 
 MU = Term("mu", "Pa", hencky_shear, guess=(0.38,))
-LAM = Term("lam", "Pa", hencky_volume, guess=(0.58,))
+LAM = Term("lam", "Pa", hencky_volume, guess=(0.58,), signed=True)
 
 VON_MISES = Law(
     name="von-mises",

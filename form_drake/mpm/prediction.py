@@ -7,7 +7,7 @@ import numpy as np
 
 from form_drake.material import Material
 from form_drake.mpm.simulation import Body, Simulation
-from form_drake.records import Recording
+from form_drake.records import Recording, rest_shape
 
 LOSS_EVERY = 5
 
@@ -62,10 +62,11 @@ def predict(
     density = recording.density or material.density
     if density is None:
         raise ValueError("neither the recording nor the material states a density")
-    body = Body(recording.reference, recording.volume, density)
+    x = rest_shape(recording)
+    body = Body(x, recording.volume, density)
     simulation = Simulation(recording.solver, material.law, body, device=device)
     simulation.set_material(material.values)
-    simulation.reset(recording.reference, recording.v_0)
+    simulation.reset(x, recording.v_0)
     positions = np.empty_like(recording.p_WQ)
     for i in range(recording.frames):
         if i > 0 and recording.step is not None and recording.solver.dt is not None:
@@ -80,6 +81,6 @@ def predict(
     if recording.valid is not None:
         error = error[recording.valid[used]]
     predicted = replace(
-        recording, p_WQ=positions, states=None, valid=None, noise=0.0, source="prediction"
+        recording, p_WQ=positions, states=None, valid=None, noise=None, source="prediction"
     )
     return Prediction(predicted, float(error.mean()), len(used))

@@ -1,81 +1,28 @@
 """An explicit material point simulation: state, steps, snapshots and rollouts."""
 
+import math
 import threading
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, update
+from form_drake.mpm.model import CFL, Body, State, stable_dt
 from form_drake.mpm.transfer import g2p, p2g
 from form_drake.mpm.walls import fold_kernels, fold_tables, grid_step, separating_bounds
 from form_drake.records.solver import Solver
 
+__all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
+
 GRAPH_STEPS = 20
-CFL = 0.4
 
 _capture_lock = threading.Lock()
 
 
 class BlowUp(ValueError):
     """The simulation left the domain or stopped being finite."""
-
-
-@dataclass(frozen=True)
-class Body:
-    """Particles of one material.
-
-    Attributes:
-        x: positions at rest [m], shape [particles, 3].
-        volume: reference volumes [m^3], shape [particles].
-        density: reference density [kg/m^3].
-    """
-
-    x: np.ndarray
-    volume: np.ndarray
-    density: float
-
-
-@dataclass(frozen=True)
-class State:
-    """Everything that a simulation needs to go on, as host arrays.
-
-    Attributes:
-        x: positions [m], shape [particles, 3].
-        v: velocities [m/s], shape [particles, 3].
-        C: affine velocity matrices [1/s], shape [particles, 3, 3].
-        L: velocity gradients [1/s], shape [particles, 3, 3].
-        F: elastic deformation gradients [-], shape [particles, 3, 3].
-        tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
-        step: steps made so far.
-    """
-
-    x: np.ndarray
-    v: np.ndarray
-    C: np.ndarray
-    L: np.ndarray
-    F: np.ndarray
-    tau: np.ndarray
-    step: int = 0
-
-
-def stable_dt(
-    law: Law, values: Values, density: float, dx: float, speed: float = 0.0, cfl: float = CFL
-) -> float:
-    """Largest stable time step [s] for particles moving at up to ``speed`` [m/s].
-
-    The acoustic limit cfl dx / (c + speed) and, for viscous laws, the diffusive limit
-    rho dx^2 / (6 eta) with the largest viscosity that the regularisation admits.
-    """
-    limit = cfl * dx / (law.wave_speed(values, density) + speed + 1e-12)
-    eta = values.get("eta", 0.0)
-    if "tau_y" in values and values.get("epsilon"):
-        eta += values["tau_y"] / values["epsilon"]
-    if eta > 0.0:
-        limit = min(limit, density * dx * dx / (6.0 * eta))
-    return limit
 
 
 class Simulation:
@@ -135,7 +82,8 @@ class Simulation:
         self._folds = {
             axis: (
                 wp.array(parents.astype(np.int32), dtype=wp.vec2i, device=self.device),
-                self._array(table, t.vec4),
+                self._array(table[:, :4], t.vec4),
+                self._array(table[:, 4:], t.real),
             )
             for axis, (parents, table) in fold_tables(solver).items()
         }
@@ -217,14 +165,15 @@ class Simulation:
             inputs = [self._grid, self._clock, eps, *self._bounds, nodes, self._steps]
             self._launch(grid_step(precision), len(self._grid), inputs)
             return
-        split, fold, solve, unfold = fold_kernels(precision)
+        split, weigh, fold, solve, unfold = fold_kernels(precision)
         grids = [self._momentum, self._node_mass, self._folded]
         self._launch(split, len(self._grid), [self._grid, self._clock, *grids])
-        for axis, (parents, table) in self._folds.items():
+        for axis, (parents, table, shares) in self._folds.items():
+            self._launch(weigh, self.solver.nodes, [axis, parents, shares, nodes, *grids[1:]])
             self._launch(fold, self.solver.nodes, [axis, parents, table, nodes, *grids])
         inputs = [eps, self._momentum, self._node_mass, self._grid, *self._bounds, nodes]
         self._launch(solve, self.solver.nodes, [*inputs, self._steps])
-        for axis, (parents, table) in reversed(self._folds.items()):
+        for axis, (parents, table, _) in reversed(self._folds.items()):
             inputs = [axis, parents, table, nodes, self._folded, self._grid]
             self._launch(unfold, self.solver.nodes, inputs)
 
@@ -281,7 +230,13 @@ class Simulation:
         )
 
     def advance(self, duration: float) -> None:
-        """Advance by a time [s] in equal steps, each within the stability limit."""
+        """Advance by a time [s], in steps of the solver's dt or else within the stability limit.
+
+        The limit is found anew after every 20 steps, from the speeds then and what gravity can add
+        to them in 20 steps; steps in between are equal, and the last one ends on the duration.
+        """
+        if not 0.0 <= duration < math.inf:
+            raise ValueError(f"duration {duration} s: a finite one of at least 0 is wanted")
         if self.solver.dt is not None:
             steps = round(duration / self.solver.dt)
             if abs(steps * self.solver.dt - duration) > 1e-6 * max(duration, self.solver.dt):
@@ -290,11 +245,20 @@ class Simulation:
                 )
             self.step(steps)
             return
+        while duration > 0.0:
+            steps = int(np.ceil(duration / self._limit()))
+            self._set_dt(duration / steps)
+            self.step(min(steps, GRAPH_STEPS))
+            duration = (steps - GRAPH_STEPS) * self._dt
+
+    def _limit(self) -> float:
+        """Time step [s] that stays stable while gravity acts for ``GRAPH_STEPS`` steps."""
         fastest = float(np.sqrt(np.max(np.sum(self._v.numpy() ** 2, axis=1), initial=0.0)))
-        limit = stable_dt(self.law, self._values, self.body.density, self.solver.dx, fastest)
-        steps = max(1, int(np.ceil(duration / limit)))
-        self._set_dt(duration / steps)
-        self.step(steps)
+        dx, g = self.solver.dx, float(np.linalg.norm(self.solver.gravity))
+        limit = stable_dt(self.law, self._values, self.body.density, dx, fastest)
+        # dt (CFL dx / limit + GRAPH_STEPS g dt) = CFL dx
+        gain = GRAPH_STEPS * g * limit**2 / (CFL * dx)
+        return 2.0 * limit / (1.0 + math.sqrt(1.0 + 4.0 * gain))
 
     def run(self, frames: Collection[int], progress=None) -> np.ndarray:
         """Positions [m] at the given solver steps, shape [frames, particles, 3].

@@ -1,10 +1,11 @@
 """The grid step and its walls.
 
-``separate`` walls clamp the normal velocity of the nodes at or behind the plane. ``slip`` and
+``separate`` walls lie on nodes and clamp the normal velocity there and behind. ``slip`` and
 ``stick`` walls are ghost folds: the velocity of a node closer than dx/2 to the plane, or behind it,
 is the extrapolation sum_j a_j v_j from nodes in front that makes the velocity on the plane itself
 zero (its normal part for slip), and its momentum, force and mass are carried by those nodes with the
-same coefficients. The plane is where it is stated, not at the nearest node.
+same coefficients. The plane is where it is stated, between nodes too. A ghost with little mass in
+front of it is not folded but stands still.
 """
 
 from functools import cache
@@ -25,16 +26,19 @@ SMALLEST_MASS_SHARE = 0.2
 
 
 def separating_bounds(solver: Solver) -> tuple[np.ndarray, np.ndarray]:
-    """Last low and first high node index of the separating walls per axis, each of shape [3]."""
+    """Last low and first high node index of the separating walls per axis, each of shape [3].
+
+    Of two walls on one side of an axis the tighter one counts.
+    """
     low, high = np.full(3, -1), np.full(3, NO_WALL)
     for wall in solver.walls:
         if wall.kind != "separate":
             continue
-        node = wall.position / solver.dx
+        node = round(wall.position / solver.dx)
         if wall.side < 0:
-            low[wall.axis] = np.floor(node + 1e-4)
+            low[wall.axis] = max(low[wall.axis], node)
         else:
-            high[wall.axis] = np.ceil(node - 1e-4)
+            high[wall.axis] = min(high[wall.axis], node)
     return low, high
 
 
@@ -56,10 +60,10 @@ def fold_table(
 
     Returns:
         parents, shape [nodes, 2]: node indices, -1 for none; first entry ``DEAD`` deep inside.
-        coefficients, shape [nodes, 4]: two for components held at zero on the plane, two for
-        components that slide.
+        coefficients, shape [nodes, 6]: two for components held at zero on the plane, two for
+        components that slide, and the parents' shares in an interpolation.
     """
-    parents, coefficients = np.full((nodes, 2), -1), np.zeros((nodes, 4))
+    parents, coefficients = np.full((nodes, 2), -1), np.zeros((nodes, 6))
     phi = wall_distance(wall, dx, nodes)
     for g in np.flatnonzero(phi < NEAREST):
         distance = 0.5 if abs(phi[g] + 0.5) < 1e-6 else 1.0
@@ -74,6 +78,7 @@ def fold_table(
         parents[g, : len(ahead)] = ahead
         coefficients[g, : len(ahead)] = held
         coefficients[g, 2 : 2 + len(ahead)] = held if wall.kind == "stick" else w / np.sum(w)
+        coefficients[g, 4 : 4 + len(ahead)] = w / np.sum(w)
     return parents, coefficients
 
 
@@ -141,7 +146,7 @@ def grid_step(precision: str):
 
 @cache
 def fold_kernels(precision: str):
-    """Kernels ``split``, ``fold``, ``solve`` and ``unfold`` of the ghost-fold walls."""
+    """Kernels ``split``, ``weigh``, ``fold``, ``solve`` and ``unfold`` of the ghost-fold walls."""
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
     share = SMALLEST_MASS_SHARE
@@ -175,6 +180,31 @@ def fold_kernels(precision: str):
         folded[n] = 0
 
     @wp.kernel(module="unique", enable_backward=False)
+    def weigh(
+        axis: int,
+        parents: wp.array(dtype=wp.vec2i),
+        shares: wp.array2d(dtype=real),
+        nodes: wp.vec3i,
+        mass: wp.array(dtype=vec3),
+        folded: wp.array(dtype=int),
+    ):
+        i, j, k = wp.tid()
+        at = wp.vec3i(i, j, k)[axis]
+        pair = parents[at]
+        if pair[0] < 0:
+            return
+        n = node_index(i, j, k, nodes)
+        m = mass[n][axis]
+        if m <= real(0.0):
+            return
+        ahead = real(0.0)
+        for q in range(2):
+            if pair[q] >= 0:
+                ahead += shares[at, q] * mass[parent(i, j, k, axis, pair[q], nodes)][axis]
+        if ahead >= real(share) * m:
+            folded[n] = folded[n] + (1 << axis)
+
+    @wp.kernel(module="unique", enable_backward=False)
     def fold(
         axis: int,
         parents: wp.array(dtype=wp.vec2i),
@@ -190,18 +220,9 @@ def fold_kernels(precision: str):
         if pair[0] < 0:
             return
         n = node_index(i, j, k, nodes)
-        m = mass[n]
-        if m[axis] <= real(0.0):
+        if (folded[n] >> axis) & 1 == 0:
             return
-        c = table[at]
-        ahead = real(0.0)
-        for q in range(2):
-            if pair[q] >= 0:
-                ahead += c[2 + q] * mass[parent(i, j, k, axis, pair[q], nodes)][axis]
-        if wp.abs(ahead) < real(share) * m[axis]:
-            return
-        folded[n] = folded[n] + (1 << axis)
-        p = momentum[n]
+        c, m, p = table[at], mass[n], momentum[n]
         for q in range(2):
             if pair[q] >= 0:
                 dp = vec3()
@@ -270,4 +291,4 @@ def fold_kernels(precision: str):
         v[3] = grid[n][3]
         grid[n] = v
 
-    return split, fold, solve, unfold
+    return split, weigh, fold, solve, unfold

@@ -5,8 +5,9 @@ from pathlib import Path
 from form_drake.records.degrade import degraded, thinned
 from form_drake.records.hdf5 import read_recording, write_recording
 from form_drake.records.nclaw import read_nclaw
-from form_drake.records.recording import Camera, Recording, States, Stepped, Stream, stepped
+from form_drake.records.recording import Camera, Recording, States, Stream
 from form_drake.records.solver import Solver, Wall
+from form_drake.records.stepped import Stepped, rest_shape, stepped
 
 READERS = {".h5": read_recording, ".hdf5": read_recording, ".npz": read_nclaw}
 
@@ -35,6 +36,7 @@ __all__ = [
     "read",
     "read_nclaw",
     "read_recording",
+    "rest_shape",
     "stepped",
     "thinned",
     "write_recording",

@@ -29,4 +29,7 @@ def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
     if not sigma >= 0:
         raise ValueError(f"added noise: must not be negative, got {sigma}")
     noise = np.random.default_rng(seed).normal(0.0, sigma, recording.p_WQ.shape)
-    return replace(recording, p_WQ=recording.p_WQ + noise, p_reference=recording.reference)
+    level = None if recording.noise is None else float(np.hypot(recording.noise, sigma))
+    return replace(
+        recording, p_WQ=recording.p_WQ + noise, p_reference=recording.reference, noise=level
+    )

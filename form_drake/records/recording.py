@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.records.checks import check_arrays, check_consistency, check_stream
 from form_drake.records.solver import Solver
 
 VERSION = 1
@@ -169,6 +170,7 @@ class Recording:
                 check_stream(name, stream, shape)
         if self.joints is not None:
             check_stream("joints", self.joints, self.joints.value.shape[1:])
+        check_consistency(self)
 
     @classmethod
     def from_arrays(cls, time: Any, p_WQ: Any, **rest: Any) -> "Recording":
@@ -200,87 +202,5 @@ class Recording:
         return self.p_WQ[0] if self.p_reference is None else self.p_reference
 
 
-@dataclass(frozen=True)
-class Stepped:
-    """What a motion stepped by a solver states of its particles.
-
-    Attributes:
-        solver: how it was stepped.
-        volume: reference volumes [m^3], shape [points].
-        density: mass per reference volume [kg/m^3].
-    """
-
-    solver: Solver
-    volume: np.ndarray
-    density: float
-
-    @property
-    def mass(self) -> np.ndarray:
-        """Particle masses [kg], shape [points]."""
-        return self.volume * self.density
-
-
-def stepped(recording: Recording) -> Stepped:
-    """The recording's solver, volumes and density.
-
-    Raises:
-        ValueError: naming what the recording lacks.
-    """
-    solver, volume, density = recording.solver, recording.volume, recording.density
-    if solver is None:
-        raise ValueError("the recording states no solver, which is needed here")
-    if volume is None or density is None:
-        missing = "volume" if volume is None else "density"
-        raise ValueError(f"the recording states no {missing}, which is needed here")
-    return Stepped(solver, volume, density)
-
-
 def _dtype(kind: str) -> Any:
     return {"f": float, "n": float, "i": np.int64, "b": bool}[kind]
-
-
-def check_arrays(record: Any, sizes: dict[str, int]) -> None:
-    """Check shape, type and finiteness of every array field; kind ``n`` admits NaN.
-
-    Raises:
-        ValueError: naming the field, what was got and what is allowed.
-    """
-    for f in fields(record):
-        if "dims" not in f.metadata:
-            continue
-        value, dims, kind = getattr(record, f.name), f.metadata["dims"], f.metadata["kind"]
-        place = f.metadata["place"]
-        if value is None:
-            if "None" not in str(f.type):
-                raise ValueError(f"{place}: missing")
-            continue
-        kinds = {"f": "f", "n": "f", "i": "iu", "b": "b"}[kind]
-        if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
-            got = getattr(value, "dtype", type(value).__name__)
-            raise ValueError(f"{place}: an array of {_words(kind)} is wanted, got {got}")
-        wanted = tuple(int(d) if d.isdigit() else sizes.get(d, d) for d in dims)
-        fits = value.ndim == len(dims) and all(
-            isinstance(w, str) or w == n for w, n in zip(wanted, value.shape, strict=True)
-        )
-        if not fits or 0 in value.shape:
-            words = ", ".join(str(w) for w in wanted)
-            raise ValueError(f"{place}: shape [{words}] is wanted, got {list(value.shape)}")
-        sizes.update({d: n for d, n in zip(dims, value.shape, strict=True) if not d.isdigit()})
-        if kind == "f" and not np.isfinite(value).all():
-            first = np.argwhere(~np.isfinite(value))[0].tolist()
-            raise ValueError(f"{place}: not finite at index {first}")
-
-
-def _words(kind: str) -> str:
-    return {"f": "numbers", "n": "numbers", "i": "whole numbers", "b": "true or false"}[kind]
-
-
-def check_stream(name: str, stream: Stream, shape: tuple[int, ...]) -> None:
-    """Check one stream's stamps and sample shape."""
-    time, value = np.asarray(stream.time), np.asarray(stream.value)
-    if time.ndim != 1 or value.shape != (len(time), *shape):
-        raise ValueError(
-            f"{name}: samples of shape {[len(time), *shape]} are wanted, got {list(value.shape)}"
-        )
-    if not np.isfinite(time).all() or not np.isfinite(value).all() or np.any(np.diff(time) <= 0):
-        raise ValueError(f"{name}: values must be finite and time stamps must increase")

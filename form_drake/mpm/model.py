@@ -1,0 +1,64 @@
+"""What is simulated: particles of a material, their state, and the time step they allow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.laws import Law, Values
+
+CFL = 0.4
+
+
+@dataclass(frozen=True)
+class Body:
+    """Particles of one material.
+
+    Attributes:
+        x: positions at rest [m], shape [particles, 3].
+        volume: reference volumes [m^3], shape [particles].
+        density: reference density [kg/m^3].
+    """
+
+    x: np.ndarray
+    volume: np.ndarray
+    density: float
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything that a simulation needs to go on, as host arrays.
+
+    Attributes:
+        x: positions [m], shape [particles, 3].
+        v: velocities [m/s], shape [particles, 3].
+        C: affine velocity matrices [1/s], shape [particles, 3, 3].
+        L: velocity gradients [1/s], shape [particles, 3, 3].
+        F: elastic deformation gradients [-], shape [particles, 3, 3].
+        tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
+        step: steps made so far.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    C: np.ndarray
+    L: np.ndarray
+    F: np.ndarray
+    tau: np.ndarray
+    step: int = 0
+
+
+def stable_dt(
+    law: Law, values: Values, density: float, dx: float, speed: float = 0.0, cfl: float = CFL
+) -> float:
+    """Largest stable time step [s] for particles moving at up to ``speed`` [m/s].
+
+    The acoustic limit cfl dx / (c + speed) and, for viscous laws, the diffusive limit
+    rho dx^2 / (6 eta) with the largest viscosity that the regularisation admits.
+    """
+    limit = cfl * dx / (law.wave_speed(values, density) + speed + 1e-12)
+    eta = values.get("eta", 0.0)
+    if "tau_y" in values and values.get("epsilon"):
+        eta += values["tau_y"] / values["epsilon"]
+    if eta > 0.0:
+        limit = min(limit, density * dx * dx / (6.0 * eta))
+    return limit
