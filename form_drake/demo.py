@@ -13,7 +13,8 @@ import numpy as np
 from form_drake.files import read_mapping, write_json
 from form_drake.identify import Identification, identify
 from form_drake.laws import LAWS
-from form_drake.material import Material, lame, read_material
+from form_drake.laws.values import lame
+from form_drake.material import Material, read_material
 from form_drake.mpm.bodies import block, rigid_velocity
 from form_drake.mpm.prediction import Prediction, predict
 from form_drake.mpm.simulation import Simulation

@@ -16,7 +16,7 @@ import warp as wp
 from form_drake.bench.taichi_peer import NO_TAICHI, Taichi, taichi_available
 from form_drake.bench.textbook import Job, Textbook
 from form_drake.laws import law_named
-from form_drake.material import lame
+from form_drake.laws.values import lame
 from form_drake.mpm.simulation import Body, Simulation
 from form_drake.records.solver import Solver
 

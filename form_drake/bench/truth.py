@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from form_drake.files import read_mapping
-from form_drake.material import lame
+from form_drake.laws.values import lame
 
 MATERIALS = ("jelly", "sand", "plasticine", "water")
 LAW = {

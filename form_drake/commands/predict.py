@@ -10,7 +10,8 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.files import target_folder, whole_folder, write_json
-from form_drake.material import finite, read_material
+from form_drake.laws.values import finite
+from form_drake.material import read_material
 from form_drake.mpm.bodies import rigid_velocity
 from form_drake.mpm.prediction import predict
 from form_drake.records import Recording, read, write_recording

@@ -16,7 +16,7 @@ from form_drake.identify.start import default_start, is_led, leader, refuse_loca
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
 from form_drake.laws import LAWS, Law, law_named
-from form_drake.material import checked_values
+from form_drake.laws.values import checked_values
 from form_drake.records import Recording, degraded, rest_shape, thinned
 from form_drake.records.stepped import NEGLIGIBLE
 

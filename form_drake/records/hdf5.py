@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from form_drake.files import existing, whole
-from form_drake.material import finite
+from form_drake.laws.values import finite
 from form_drake.records.recording import VERSION, Camera, Recording, States, Stream
 from form_drake.records.solver import Solver, Wall
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.files import existing, read_mapping
-from form_drake.material import finite
+from form_drake.laws.values import finite
 from form_drake.records.recording import Recording, States
 from form_drake.records.solver import Solver, Wall
 

@@ -1,0 +1,92 @@
+"""Values of a law's parameters: what they may be, and E and nu in place of mu and lam."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from form_drake.laws.law import Law, Term, Values
+
+LAME = ("mu", "lam")
+ENGINEERING = ("E", "nu")
+STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
+
+
+def lame(E: float, nu: float) -> tuple[float, float]:
+    """Lame's constants (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio.
+
+    Raises:
+        ValueError: E is not positive or nu not in (-1, 0.5).
+    """
+    if not E > 0 or not -1 < nu < 0.5:
+        raise ValueError(f"E = {E}, nu = {nu}: E must be positive and nu between -1 and 0.5")
+    return E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+
+def with_lame(law: Law, values: Values) -> dict[str, float]:
+    """``values`` with E and nu, where both are given, turned into the law's mu and lam.
+
+    Raises:
+        ValueError: the law has no mu and lam, one of the pair is missing, or both pairs are given.
+    """
+    named = [k for k in ENGINEERING if k in values and k not in law.keys]
+    if not named:
+        return dict(values)
+    rest = {k: v for k, v in values.items() if k not in ENGINEERING}
+    if not set(LAME) <= set(law.keys):
+        raise ValueError(f"{law.name} has no E and nu: its parameters are {', '.join(law.keys)}")
+    if len(named) == 1:
+        raise ValueError(f"{named[0]} alone is given: give E and nu together, or mu and lam")
+    if set(LAME) & set(rest):
+        raise ValueError("give either E and nu or mu and lam, not both")
+    return {**rest, **dict(zip(LAME, lame(values["E"], values["nu"]), strict=True))}
+
+
+def checked_values(law: Law, values: Mapping[str, Any]) -> dict[str, float]:
+    """Allowed numbers for parameters that the law has; E and nu stand for mu and lam.
+
+    Raises:
+        ValueError: an unknown key, or a value that is not finite or physically impossible.
+    """
+    allowed = set(law.keys) | (set(ENGINEERING) if set(LAME) <= set(law.keys) else set())
+    numbers = {}
+    for key, value in values.items():
+        if key not in allowed:
+            raise ValueError(
+                f"{law.name} has no parameter {key!r}: choose from {', '.join(sorted(allowed))}"
+            )
+        numbers[key] = finite(key, value)
+    return {k: allowed_value(law, k, v) for k, v in with_lame(law, numbers).items()}
+
+
+def allowed_value(law: Law, key: str, value: float) -> float:
+    """``value``, if the parameter may have it.
+
+    Raises:
+        ValueError: it is not finite, not positive though the parameter must be, or no cone at all.
+    """
+    parameter = law.parameter(key)
+    signed = isinstance(parameter, Term) and parameter.signed
+    if not signed and not value > 0:
+        raise ValueError(f"{key}: must be positive, got {value}")
+    if key == "alpha" and not value < STEEPEST:
+        raise ValueError(
+            f"alpha: must be below sqrt(2/3) = {STEEPEST:.4f}, a friction angle of 90 deg, got"
+            f" {value}"
+        )
+    return finite(key, value)
+
+
+def finite(key: str, value: Any) -> float:
+    """``value`` as a finite number.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        number = float(value) if not isinstance(value, bool) else np.nan
+    except (TypeError, ValueError, OverflowError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise ValueError(f"{key}: a finite number is wanted, got {str(value)[:60]!r}")
+    return number
