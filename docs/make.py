@@ -60,7 +60,7 @@ API = {
         "form_drake.laws.Term",
         "form_drake.laws.Constant",
         "form_drake.laws.law_named",
-        "form_drake.material.lame",
+        "form_drake.laws.values.lame",
     ),
     "The solver": (
         "form_drake.mpm.simulation.Simulation",
