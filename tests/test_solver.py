@@ -483,7 +483,8 @@ def test_column_at_rest(offset, kind, cells):
     limits = {0.0: 0.01, 0.05: 0.025, 0.25: 0.125, 0.4: 0.27, 0.5: 0.01, 0.75: 0.125}
     assert error < limits[offset]
     assert np.max(np.abs(moved)) < 0.05  # nodes that are just fixed let particles sink .3 to 3 dx
-    assert abs(moved[:, 2].mean()) < 0.005  # 0.025 mm of level
+    # 0.01 mm of level; 0.025 mm where a plane lies close to a node or to half-way
+    assert abs(moved[:, 2].mean()) < (0.005 if offset in (0.05, 0.4) else 0.002)
 
 
 def test_sliding_body_feels_no_drag():

@@ -151,7 +151,7 @@ def _identify_positions(
             guess = Guess(_checked_start(law, given, start), twist)
         else:
             guess = default_start(rollouts, twist)
-        answer = identify_rollout(recording, law, known=given, start=guess, rollouts=rollouts)
+        answer = identify_rollout(rollouts, guess)
         if start:
             refuse_local_minimum(rollouts, answer, twist)
     finally:

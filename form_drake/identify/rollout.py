@@ -7,7 +7,6 @@ minima. Only the last steps need the rounding of the recording's own solver.
 """
 
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,38 +20,25 @@ from form_drake.identify.solve import (
     with_rounding,
 )
 from form_drake.identify.trials import Guess, Rollouts, as_guess, as_vector
-from form_drake.laws import Law
 from form_drake.material import Material
-from form_drake.records import Recording
 
 HORIZONS = {0.2: 2e-2, 0.4: 3e-3, 1.0: 3e-4}
 TWIST = ("v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z")
 LEAST_SIGNAL = 4.0
 
 
-def identify_rollout(
-    recording: Recording,
-    law: Law,
-    *,
-    known: Mapping[str, float],
-    start: Guess,
-    rollouts: Rollouts | None = None,
-) -> Identification:
+def identify_rollout(rollouts: Rollouts, start: Guess) -> Identification:
     """Identify every parameter jointly from positions.
 
     Args:
-        recording: positions at solver steps, with ``solver``, ``volume`` and ``density``.
-        law: the law.
-        known: parameter values that are given.
+        rollouts: of the recording, with the law and the values that are given.
         start: where the iteration starts; its twist asks for the rigid initial motion too.
-        rollouts: to be reused; made anew by default.
 
     Raises:
-        ValueError: the recording lacks what is needed, or no start is stable.
+        ValueError: no simulation near the start is stable, or the search does not converge.
         Unidentifiable: the motion does not determine the parameters.
     """
     begun = time.perf_counter()
-    rollouts = rollouts or Rollouts(recording, law, known)
     vector = as_vector(start, rollouts.sought)
     with tqdm(desc="rollouts", unit="", disable=None, delay=2, leave=False) as bar:
         rough = LevenbergMarquardt(rollouts, rollouts.frames(min(HORIZONS)), bar, rough=True)
@@ -60,10 +46,10 @@ def identify_rollout(
         for horizon, tolerance in HORIZONS.items():
             rough.frames = rollouts.frames(horizon)
             vector = rough.fit(vector, tolerance)
-        every = np.arange(recording.frames)
+        every = np.arange(rollouts.recording.frames)
         exact = LevenbergMarquardt(rollouts, every, bar, rough=False)
         vector, residual, J = exact.polish(vector)
-    return _answer(recording, law, rollouts, vector, residual, J, begun)
+    return _answer(rollouts, vector, residual, J, begun)
 
 
 def require_minimum(J: np.ndarray, residual: np.ndarray, inverse: np.ndarray) -> None:
@@ -82,15 +68,13 @@ def require_minimum(J: np.ndarray, residual: np.ndarray, inverse: np.ndarray) ->
 
 
 def _answer(
-    recording: Recording,
-    law: Law,
     rollouts: Rollouts,
     vector: np.ndarray,
     residual: np.ndarray,
     J: np.ndarray,
     begun: float,
 ) -> Identification:
-    keys = rollouts.sought
+    recording, law, keys = rollouts.recording, rollouts.law, rollouts.sought
     scale = np.linalg.norm(J, axis=0)
     names = [*keys, *(TWIST if len(vector) > len(keys) else ())]
     rounding = np.finfo(rollouts.dtype).eps * float(np.max(np.abs(recording.reference)))
