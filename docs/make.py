@@ -12,7 +12,7 @@ import json
 import re
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from importlib import import_module
 from pathlib import Path
 from textwrap import dedent
@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import positions, speed, table2
+from form_drake.bench import positions, rubber, speed, table2
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
@@ -32,6 +32,7 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "table2": table2.table,
     "positions": positions.table,
     "speed": speed.table,
+    "rubber": rubber.table,
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
@@ -163,7 +164,7 @@ def full_recording() -> Recording:
         law="neo-hookean",
         known={"kappa": 1.0},
         poses={"NAME": stream(4, 4)},
-        forces={"NAME": stream(3)},
+        forces={"NAME": replace(stream(3), noise=1.0)},
         joints=stream(SIZES["joints"]),
         cameras={"NAME": Camera(np.eye(3), np.eye(4), np.zeros(5), (640, 480))},
         geometry={"shape": "box"},
@@ -201,6 +202,9 @@ def layout_table() -> str:
 
             def visit(place: str, item: Any) -> None:
                 if not isinstance(item, h5py.Dataset):
+                    if "noise" in item.attrs:
+                        row = f"attribute `noise` of `{place}`", "number", "as its values"
+                        rows.append((*row, attributes(Stream)["noise"]))
                     return
                 shape = ", ".join(words.get(n, str(n)) for n in item.shape)
                 if "dims" in item.attrs:

@@ -10,6 +10,9 @@ from typing import Any
 
 from form_drake.libraries import explained
 
+# before numpy: matrices here are small, and a second thread that waits for a busy core costs tenfold
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
 ABOUT = (
     "Material laws identified from one robot interaction, and used to predict and plan."

@@ -13,7 +13,7 @@ from form_drake.files import read_mapping, write_text
 from form_drake.laws import Law, Values, law_named
 from form_drake.laws.flow import repose_angle
 from form_drake.laws.plastic import friction_angle
-from form_drake.laws.values import ENGINEERING, LAME, STEEPEST, checked_values, finite
+from form_drake.laws.values import ENGINEERING, STEEPEST, checked_values, finite, has_lame
 
 VERSION = 1
 UNITS = {"E": "Pa", "nu": "-"}
@@ -121,7 +121,7 @@ def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
     if law.flow in ("elastic", "plastic"):
         out["E"] = ("Pa", lambda v: _young(*law.moduli(v)))
         out["nu"] = ("-", lambda v: _poisson(*law.moduli(v)))
-    if "kappa" not in law.keys:
+    if "kappa" not in law.keys or law.summands:  # of a sum, kappa may be a part of K only
         out["K"] = ("Pa", lambda v: law.moduli(v)[0])
     if law.name == "von-mises":
         out["Y"] = ("Pa", lambda v: np.sqrt(1.5) * v["tau_y"])
@@ -129,7 +129,7 @@ def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
         out["friction_angle"] = ("rad", lambda v: _cone_angle(v["alpha"]))
     if "mu_s" in law.keys:
         out["friction_angle"] = ("rad", lambda v: repose_angle(v["mu_s"]))
-    return out
+    return {k: entry for k, entry in out.items() if k not in law.keys}
 
 
 def _cone_angle(alpha: float) -> float:
@@ -198,7 +198,7 @@ def _check_derived(material: Material, key: str, value: float) -> None:
     right = derived(law)[key][1](material.values)
     if not math.isclose(value, right, rel_tol=1e-6, abs_tol=1e-9):
         remedy = f"change {', '.join(law.keys)} instead"
-        if key in (*ENGINEERING, "K") and set(LAME) <= set(law.keys):
+        if key in (*ENGINEERING, "K") and has_lame(law):
             remedy = "to change it, state E and nu instead of mu and lam"
         raise ValueError(
             f"{key}: {value:g} is marked as derived, but the parameters give {right:g}; {remedy}"

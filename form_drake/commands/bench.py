@@ -10,9 +10,11 @@ from typing import Annotated, Any
 import tyro
 from tqdm import tqdm
 
-from form_drake.bench import positions, speed, table2
+from form_drake.bench import positions, rubber, speed, table2
+from form_drake.bench.curves import recordings
 from form_drake.commands.output import emit, say
 from form_drake.files import target, write_json
+from form_drake.records import write_recording
 
 DATA = "FORM_DRAKE_NCLAW"
 
@@ -135,6 +137,46 @@ class Speed:
 
 
 @dataclass(frozen=True)
+class Rubber:
+    """Measured curves of rubber and tissue: laws fitted to some modes predict the others."""
+
+    data: Path
+    """Folder of tables (.csv) with columns mode, stretch, nominal_stress_Pa."""
+    laws: Path | None = None
+    """Python file with laws of your own, fitted alone and beside yeoh; it is executed."""
+    recordings: Path | None = None
+    """Folder: write every curve there as a recording for form-drake identify, and do no fit."""
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-rubber/rubber.json."""
+    only: tuple[str, ...] = ()
+    """Run only fits whose names (table/law/all or table/law/without-MODE) contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench, or write the recordings."""
+        if not self.data.is_dir():
+            raise ValueError(f"{self.data}: no such folder")
+        if self.recordings is not None:
+            self._write(self.recordings)
+            return
+
+        def run(store: Path) -> dict[str, Any]:
+            return rubber.run_rubber(self.data, store=store, own=self.laws, only=self.only)
+
+        _finish("rubber", self.out, run, rubber.table, whole=not self.only, as_json=self.json)
+
+    def _write(self, folder: Path) -> None:
+        written = []
+        for path in rubber.tables(self.data):
+            for mode, recording in recordings(path).items():
+                place = target(folder / f"{path.stem}-{mode}.h5")
+                write_recording(recording, place)
+                written.append(str(place))
+        emit("\n".join(written), {"recordings": written}, as_json=self.json)
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure what the documents state; long benches resume where they were interrupted."""
 
@@ -142,6 +184,7 @@ class Bench:
         Annotated[Table2, tyro.conf.subcommand("table2")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]
+        | Annotated[Rubber, tyro.conf.subcommand("rubber")]
     ]
 
     def run(self) -> None:

@@ -8,18 +8,27 @@ import tyro
 
 from form_drake.commands.output import Assignments, assignments, emit, out_file, say
 from form_drake.files import target_folder, whole_folder, write_json
-from form_drake.identify import identify
+from form_drake.identify import WeakOptions, identify
+from form_drake.laws import load
 from form_drake.records import read
+from form_drake.weak_report import weak_report
 
 
 @dataclass(frozen=True)
 class Identify:
     """Identify a material's law from a recording, with error bars."""
 
-    recording: tyro.conf.Positional[Path]
-    """Recording: an .h5 file, or an NCLaw .npz file with metadata.json beside it."""
+    recording: tyro.conf.Positional[tuple[Path, ...]]
+    """Recording: an .h5 file, or an NCLaw .npz file with metadata.json beside it; several probes of
+    one material are stacked by the weak form."""
     law: str | None = None
-    """Constitutive law (see: form-drake list laws); default: the one that the recording declares."""
+    """Constitutive law, or a sum such as yeoh+gent (see: form-drake list laws); default: the one
+    that the recording declares."""
+    laws: Path | None = None
+    """Python file with laws of your own; it is executed."""
+    method: Literal["step", "rollout", "weak"] | None = None
+    """How: solver steps, rollouts, or the weak balance of tracks and forces; default: the first of
+    them that the recording allows."""
     observe: Literal["full", "no-stress", "positions"] | None = None
     """What may be used of the recording; default: the most that it holds."""
     stride: int = 1
@@ -33,9 +42,20 @@ class Identify:
     start: Assignments = ""
     """Values where rollouts start; default: a coarse scan that uses no truth."""
     known: Assignments = ""
-    """Parameter values that are given."""
+    """Parameter values that are given; the weak form takes nu alone."""
+    fields: str = ""
+    """Test fields of the weak form, joined by commas: box, axial, bend, grid, potential; default:
+    those that the stated faces of the body admit."""
+    window: float | None = None
+    """Width of the weak form's windows in time [s]; default: chosen from frames and law."""
+    pressure: Literal["law", "free", "supplied"] | None = None
+    """Who balances pressure in the weak form; default: decided from the motion."""
+    estimator: Literal["gls", "ols"] = "gls"
+    """Generalised, or ordinary least squares as in the paper (weak form)."""
     seed: int = 0
-    """Seed of the added noise."""
+    """Seed of the added noise and of the noise draws."""
+    report: Path | None = None
+    """HTML report of the weak form to write."""
     out: Path | None = None
     """Material file to write; default: runs/identify/material.yaml."""
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
@@ -47,10 +67,16 @@ class Identify:
             out = out_file(self.out, ".yaml", ".yml")
         else:
             out = target_folder(Path("runs/identify"))
-        recording = read(self.recording)
+        report = None if self.report is None else out_file(self.report, ".html", option="--report")
+        if not self.recording:
+            raise ValueError("no recording is given: the PATH of one or more .h5 or .npz files")
+        if self.laws is not None:
+            load(self.laws)
+        recordings = [read(path) for path in self.recording]
         answer = identify(
-            recording,
+            recordings,
             self.law,
+            method=self.method,
             observe=self.observe,
             stride=self.stride,
             position_noise=self.position_noise,
@@ -59,7 +85,10 @@ class Identify:
             start=assignments(self.start),
             known=assignments(self.known),
             seed=self.seed,
+            weak=self._weak(),
         )
+        if report is not None and answer.weak is None:
+            raise ValueError("--report belongs to the weak form: add --method weak")
         if self.out is not None:
             answer.material.write(out)
         else:
@@ -67,9 +96,21 @@ class Identify:
                 answer.material.write(folder / "material.yaml")
                 write_json(folder / "result.json", answer.to_json())
             out = out / "material.yaml"
+        if report is not None:
+            weak_report(answer, report)
+            say(f"report: {report}")
         emit(str(answer), answer.to_json(), as_json=self.json)
         twist = answer.details.get("initial_twist")
         if twist is not None:
             found = ",".join(f"{v:.8g}" for v in twist["value"])
             say(f"initial motion, for form-drake predict: --initial-velocity {found}")
         say(f"written: {out}")
+
+    def _weak(self) -> WeakOptions:
+        return WeakOptions(
+            fields=tuple(part.strip() for part in self.fields.split(",") if part.strip()),
+            window=self.window,
+            pressure=self.pressure,
+            estimator=self.estimator,
+            seed=self.seed,
+        )

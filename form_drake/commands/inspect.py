@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import tyro
 
-from form_drake.commands.output import emit
+from form_drake.commands.output import emit, say
 from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
 from form_drake.laws import LAWS
@@ -42,6 +42,8 @@ class List:
             found = {n: _material(p) for n, p in material_files().items()}
             lines = [f"{n:14} {e['law']:20} {e['file']}" for n, e in found.items()]
         emit("\n".join(lines), {self.what: found}, as_json=self.json)
+        if self.what == "laws" and not self.json:
+            say("Elastic laws may be added to each other, and fluids to each other: yeoh+gent.")
 
 
 def _law(name: str) -> dict[str, Any]:

@@ -40,14 +40,14 @@ def device(name: str) -> None:
         ) from None
 
 
-def out_file(path: Path, *endings: str) -> Path:
+def out_file(path: Path, *endings: str, option: str = "--out") -> Path:
     """``path``, if a file with one of the endings can be put there; to be asked before long work.
 
     Raises:
         ValueError: it cannot, or the path ends otherwise.
     """
     if target(path).suffix not in endings:
-        raise ValueError(f"--out {path}: a name that ends in {' or '.join(endings)} is wanted")
+        raise ValueError(f"{option} {path}: a name that ends in {' or '.join(endings)} is wanted")
     return path
 
 

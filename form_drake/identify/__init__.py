@@ -1,10 +1,11 @@
 """Identification: from a recording to a material with error bars.
 
-``step`` reads consecutive solver steps and is exact; ``rollout`` reads positions only.
+``step`` reads consecutive solver steps and is exact; ``rollout`` reads positions whose solver grid,
+step and walls are stated; ``weak`` reads tracks and forces that no solver made.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -15,12 +16,14 @@ from form_drake.identify.solve import Identification, Unidentifiable
 from form_drake.identify.start import default_start, is_led, leader, refuse_local_minimum
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
+from form_drake.identify.weak import Estimator, WeakOptions, identify_weak
 from form_drake.laws import LAWS, Law, law_named
-from form_drake.laws.values import checked_values
+from form_drake.laws.values import LAME, checked_values, finite
 from form_drake.records import Recording, degraded, rest_shape, thinned
 from form_drake.records.stepped import NEGLIGIBLE
 
 Observe = Literal["full", "no-stress", "positions"]
+Method = Literal["step", "rollout", "weak"]
 
 
 def most_observed(recording: Recording) -> Observe:
@@ -30,6 +33,13 @@ def most_observed(recording: Recording) -> Observe:
         return "positions"
     stressed = states.tau is not None and np.isfinite(states.tau).any()
     return "full" if stressed else "no-stress"
+
+
+def default_method(recording: Recording) -> Method:
+    """``step`` where consecutive solver steps are held, ``rollout`` where the solver is stated."""
+    if most_observed(recording) != "positions":
+        return "step"
+    return "rollout" if recording.solver is not None and recording.step is not None else "weak"
 
 
 def declared_law(recording: Recording, name: str | None) -> Law:
@@ -61,9 +71,10 @@ def declared_values(recording: Recording, law: Law) -> dict[str, float]:
 
 
 def identify(
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     law: str | None = None,
     *,
+    method: Method | None = None,
     observe: Observe | None = None,
     stride: int = 1,
     position_noise: float | None = None,
@@ -72,12 +83,16 @@ def identify(
     start: Mapping[str, Any] | None = None,
     known: Mapping[str, Any] | None = None,
     seed: int = 0,
+    weak: WeakOptions | Sequence[WeakOptions] | None = None,
 ) -> Identification:
     """Identify a material from a recording.
 
     Args:
-        recording: what was measured.
-        law: name of the law; by default the one that the recording declares.
+        recording: what was measured; several probes of one material for the weak form.
+        law: name of the law, or of several joined by ``+``; by default the one that the recording
+            declares.
+        method: ``step``, ``rollout`` or ``weak``; by default the first of them that the recording
+            allows.
         observe: ``full`` (x, v, C, F and stress), ``no-stress`` or ``positions``; by default the
             most that the recording holds.
         stride: use every so many frames (positions only).
@@ -85,40 +100,113 @@ def identify(
         add_noise: degrades a copy of the positions by this much [m], with ``seed``.
         initial_velocity: ``known``, or ``rigid`` to find the rigid initial motion as well.
         start: where the rollouts start; by default a coarse scan decides.
-        known: parameter values that are given; those that the recording declares count too.
+        known: parameter values that are given; those that the recording declares count too. The
+            weak form takes ``nu`` alone, which ties mu and lam.
         seed: of the added noise.
+        weak: how the weak form is set up; one for each recording, where fields or windows differ.
 
     Raises:
         ValueError: the recording or an option is not as needed.
         Unidentifiable: the motion does not determine some parameters.
     """
-    chosen = declared_law(recording, law)
-    given = declared_values(recording, chosen) | checked_values(chosen, known or {})
-    if set(chosen.keys) <= set(given):
-        raise ValueError("every parameter is known: nothing is left to identify")
-    observe = observe or most_observed(recording)
-    if observe != "positions":
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise ValueError("no recording is given")
+    first = recordings[0]
+    chosen = declared_law(first, law)
+    if method is None and observe is not None:
+        method = "rollout" if observe == "positions" else "step"
+    method = method or ("weak" if len(recordings) > 1 else default_method(first))
+    if method == "weak":
         flags = {
-            "stride": stride != 1,
-            "add_noise": add_noise is not None,
-            "position_noise": position_noise is not None,
-            "initial_velocity": initial_velocity == "rigid",
+            "observe": observe is not None,
+            "initial_velocity": initial_velocity is not None,
             "start": bool(start),
         }
-        set_flags = [f"--{k.replace('_', '-')}" for k, on in flags.items() if on]
-        if set_flags:
-            raise ValueError(
-                f"{', '.join(set_flags)} applies to positions only: add --observe positions"
-            )
-        return identify_step(recording, chosen, observe=observe, known=given)
+        _refuse_flags(flags, "step and rollout only: leave out --method weak")
+        ready = [_degraded(r, stride, position_noise, add_noise, seed) for r in recordings]
+        return identify_weak(ready, chosen, _weak_known(ready, chosen, known or {}), weak)
+    if len(recordings) > 1:
+        raise ValueError(f"--method {method} takes one recording, got {len(recordings)}")
+    given = declared_values(first, chosen) | checked_values(chosen, known or {})
+    if set(chosen.keys) <= set(given):
+        raise ValueError("every parameter is known: nothing is left to identify")
+    if method == "rollout":
+        if observe not in (None, "positions"):
+            raise ValueError(f"--method rollout observes positions, not {observe}")
+        ready = [_degraded(first, stride, position_noise, add_noise, seed)]
+        rest_shape(first)
+        return _checked_positions(
+            ready[0],
+            chosen,
+            given,
+            start,
+            initial_velocity,
+            add_noise,
+            first.p_reference is not None,
+        )
+    observe = observe or most_observed(first)
+    if observe == "positions":
+        raise ValueError("--method step needs consecutive solver states, which the recording lacks")
+    flags = {
+        "stride": stride != 1,
+        "add_noise": add_noise is not None,
+        "position_noise": position_noise is not None,
+        "initial_velocity": initial_velocity == "rigid",
+        "start": bool(start),
+    }
+    _refuse_flags(flags, "positions only: add --observe positions")
+    return identify_step(first, chosen, observe=observe, known=given)
+
+
+def _refuse_flags(flags: Mapping[str, bool], reason: str) -> None:
+    found = [f"--{k.replace('_', '-')}" for k, on in flags.items() if on]
+    if found:
+        raise ValueError(f"{', '.join(found)} applies to {reason}")
+
+
+def _weak_known(
+    recordings: Sequence[Recording], law: Law, known: Mapping[str, Any]
+) -> dict[str, float]:
+    """Given values of the weak form; nu may stand alone."""
+    given: dict[str, float] = {}
+    stated = dict(known)
+    for recording in recordings:
+        declared = dict(recording.known)
+        if "nu" in declared and set(LAME) <= set(law.keys):
+            stated = {"nu": declared.pop("nu"), **stated}
+        given |= declared_values(replace(recording, known=declared), law)
+    if "nu" in stated and "E" not in stated and set(LAME) <= set(law.keys):
+        nu = finite("nu", stated.pop("nu"))
+        if not -1.0 < nu < 0.5:
+            raise ValueError(f"nu: must lie between -1 and 0.5, got {nu}")
+        given["nu"] = nu
+    return given | checked_values(law, stated)
+
+
+def _degraded(
+    recording: Recording,
+    stride: int,
+    position_noise: float | None,
+    add_noise: float | None,
+    seed: int,
+) -> Recording:
     if position_noise is not None:
         recording = replace(recording, noise=position_noise)
-    rest_shape(recording)
-    exact = recording.p_reference is not None
     recording = thinned(recording, stride)
-    if add_noise is not None:
-        recording = degraded(recording, add_noise, seed)
-    answer = _identify_positions(recording, chosen, given, start, initial_velocity)
+    return recording if add_noise is None else degraded(recording, add_noise, seed)
+
+
+def _checked_positions(
+    recording: Recording,
+    law: Law,
+    given: dict[str, float],
+    start: Mapping[str, Any] | None,
+    initial_velocity: str | None,
+    add_noise: float | None,
+    exact: bool,
+) -> Identification:
+    answer = _identify_positions(recording, law, given, start, initial_velocity)
     explained = (add_noise or 0.0) + NEGLIGIBLE * float(np.max(np.ptp(recording.reference, axis=0)))
     if not exact and answer.residual > 1.2 * explained:
         raise ValueError(
@@ -176,4 +264,12 @@ def _checked_start(
     return {k: values[k] for k in sought}
 
 
-__all__ = ["Identification", "Observe", "Unidentifiable", "identify"]
+__all__ = [
+    "Estimator",
+    "Identification",
+    "Method",
+    "Observe",
+    "Unidentifiable",
+    "WeakOptions",
+    "identify",
+]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.laws import Law
 from form_drake.material import Material
 
 LARGEST_CONDITION = 1e10
@@ -21,6 +22,14 @@ class Unidentifiable(ValueError):
     def __init__(self, keys: Sequence[str], advice: str):
         self.keys = tuple(keys)
         super().__init__(f"the motion does not determine {', '.join(self.keys)}: {advice}")
+
+    @classmethod
+    def of(cls, law: Law, keys: Sequence[str], reason: str = "") -> "Unidentifiable":
+        """The refusal that says which motion would determine the parameters of a law."""
+        phrases = dict.fromkeys(law.parameter(k).excited for k in keys)
+        form = ",".join(f"{k}=VALUE" for k in keys)
+        words = f"{'; '.join(phrases)}; or state --known {form}"
+        return cls(keys, f"({reason}) {words}" if reason else words)
 
 
 def require_given(law: str, missing: Sequence[str]) -> None:
@@ -101,8 +110,8 @@ class Identification:
 
     Attributes:
         material: with the covariance of the identified parameters.
-        method: ``step`` or ``rollout``.
-        observed: ``full``, ``no-stress`` or ``positions``.
+        method: ``step``, ``rollout`` or ``weak``.
+        observed: ``full``, ``no-stress`` or ``positions``; of the weak form, what was measured.
         condition: condition number of the scaled columns at the solution.
         residual: root mean square residual, in ``residual_unit``.
         rows: number of equations.
@@ -111,6 +120,7 @@ class Identification:
         misfit: residual in units of what noise or rounding explain; far above 1, the law or the
             recording's statements are wrong.
         details: further facts, e.g. initial velocity or the number of rollouts.
+        weak: rows and residuals of the weak form, a ``WeakFit``; None for other methods.
     """
 
     material: Material
@@ -124,6 +134,7 @@ class Identification:
     compile_seconds: float = 0.0
     misfit: float | None = None
     details: dict[str, Any] = field(default_factory=dict)
+    weak: Any = field(default=None, repr=False)
 
     def to_json(self) -> dict[str, object]:
         """The command line's JSON object."""

@@ -1,40 +1,24 @@
 """Constitutive laws: every row of the paper's Table I and the laws of the shared NCLaw data.
 
-``LAWS`` maps the name of a law, as on the command line, to its one declaration.
+``LAWS`` maps the name of a law, as on the command line, to its one declaration. Laws may be added,
+and laws of one's own come from a Python file: see ``law_named`` and ``load``.
 """
 
-from form_drake.laws.elastic import FIXED_COROTATED, GENT, MOONEY_RIVLIN, NEO_HOOKEAN, YEOH
-from form_drake.laws.flow import BINGHAM, MU_I, NEWTONIAN, WEAKLY_COMPRESSIBLE
+from form_drake.laws.elastic import KAPPA
 from form_drake.laws.law import Constant, Law, Term, Values
-from form_drake.laws.plastic import DRUCKER_PRAGER, VON_MISES
+from form_drake.laws.named import LAWS, law_named
+from form_drake.laws.own import load
+from form_drake.laws.tensor import deviator, isochoric_b
 
-LAWS: dict[str, Law] = {
-    law.name: law
-    for law in (
-        NEO_HOOKEAN,
-        MOONEY_RIVLIN,
-        YEOH,
-        GENT,
-        FIXED_COROTATED,
-        VON_MISES,
-        DRUCKER_PRAGER,
-        MU_I,
-        NEWTONIAN,
-        BINGHAM,
-        WEAKLY_COMPRESSIBLE,
-    )
-}
-
-
-def law_named(name: str) -> Law:
-    """The law of this name.
-
-    Raises:
-        ValueError: no law has this name; the message lists those that exist.
-    """
-    if name not in LAWS:
-        raise ValueError(f"unknown law {name!r}: choose one of {', '.join(LAWS)}")
-    return LAWS[name]
-
-
-__all__ = ["LAWS", "Constant", "Law", "Term", "Values", "law_named"]
+__all__ = [
+    "KAPPA",
+    "LAWS",
+    "Constant",
+    "Law",
+    "Term",
+    "Values",
+    "deviator",
+    "isochoric_b",
+    "law_named",
+    "load",
+]

@@ -59,11 +59,14 @@ def corotated_shear(q: Any, s: Any):
     return q.F.dtype(2.0) * (q.F - q.R) * wp.transpose(q.F)
 
 
-KAPPA = Term("kappa", "Pa", linear_volume, guess=(0.83,))
+SHEARED = "shear the body"
+SQUEEZED = "compress or expand its volume"
+
+KAPPA = Term("kappa", "Pa", linear_volume, guess=(0.83,), excited=SQUEEZED)
 
 NEO_HOOKEAN = Law(
     name="neo-hookean",
-    parameters=(Term("C10", "Pa", first_invariant, guess=(0.19,)), KAPPA),
+    parameters=(Term("C10", "Pa", first_invariant, guess=(0.19,), excited=SHEARED), KAPPA),
     moduli=lambda v: (v["kappa"], 2.0 * v["C10"]),
     equation="2 C10 dev b + kappa J (J - 1) I",
 )
@@ -71,8 +74,15 @@ NEO_HOOKEAN = Law(
 MOONEY_RIVLIN = Law(
     name="mooney-rivlin",
     parameters=(
-        Term("C10", "Pa", first_invariant, guess=(0.15,)),
-        Term("C01", "Pa", second_invariant, guess=(0.04,), signed=True),
+        Term("C10", "Pa", first_invariant, guess=(0.15,), excited="stretch it in two directions"),
+        Term(
+            "C01",
+            "Pa",
+            second_invariant,
+            guess=(0.04,),
+            signed=True,
+            excited="stretch it in two directions",
+        ),
         KAPPA,
     ),
     moduli=lambda v: (v["kappa"], 2.0 * (v["C10"] + v["C01"])),
@@ -82,9 +92,23 @@ MOONEY_RIVLIN = Law(
 YEOH = Law(
     name="yeoh",
     parameters=(
-        Term("C1", "Pa", first_invariant, guess=(0.19,)),
-        Term("C2", "Pa", yeoh_second, guess=(0.01,), signed=True),
-        Term("C3", "Pa", yeoh_third, guess=(0.001,), signed=True),
+        Term("C1", "Pa", first_invariant, guess=(0.19,), excited=SHEARED),
+        Term(
+            "C2",
+            "Pa",
+            yeoh_second,
+            guess=(0.01,),
+            signed=True,
+            excited="stretch it beyond I1 - 3 of some tenths",
+        ),
+        Term(
+            "C3",
+            "Pa",
+            yeoh_third,
+            guess=(0.001,),
+            signed=True,
+            excited="stretch it beyond I1 - 3 of about one",
+        ),
         KAPPA,
     ),
     moduli=lambda v: (v["kappa"], 2.0 * v["C1"]),
@@ -94,8 +118,14 @@ YEOH = Law(
 GENT = Law(
     name="gent",
     parameters=(
-        Term("mu", "Pa", gent_shear, guess=(0.38,)),
-        Constant("J_m", "-", "shape", guess=(3.0, 30.0)),
+        Term("mu", "Pa", gent_shear, guess=(0.38,), excited=SHEARED),
+        Constant(
+            "J_m",
+            "-",
+            "shape",
+            guess=(3.0, 30.0),
+            excited="stretch it beyond I1 - 3 of a tenth of J_m",
+        ),
         KAPPA,
     ),
     moduli=lambda v: (v["kappa"], v["mu"]),
@@ -105,8 +135,8 @@ GENT = Law(
 FIXED_COROTATED = Law(
     name="fixed-corotated",
     parameters=(
-        Term("mu", "Pa", corotated_shear, guess=(0.38,)),
-        Term("lam", "Pa", linear_volume, guess=(0.58,), signed=True),
+        Term("mu", "Pa", corotated_shear, guess=(0.38,), excited=SHEARED),
+        Term("lam", "Pa", linear_volume, guess=(0.58,), signed=True, excited=SQUEEZED),
     ),
     moduli=lambda v: (v["lam"] + 2.0 / 3.0 * v["mu"], v["mu"]),
     equation="2 mu (F - R) F^T + lam J (J - 1) I",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from form_drake.laws.elastic import linear_volume
+from form_drake.laws.elastic import SQUEEZED, linear_volume
 from form_drake.laws.law import Constant, Law, Term
 from form_drake.laws.tensor import deviator
 
@@ -68,8 +68,12 @@ def logarithmic_volume(q: Any, s: Any):
     return wp.min(wp.log(q.J), type(q.J)(0.0)) * wp.identity(n=3, dtype=q.F.dtype)
 
 
-ETA = Term("eta", "Pa s", viscous, guess=(1e-4, 1e-2))
-GIVEN_KAPPA = Term("kappa", "Pa", linear_volume, guess=(1.0,), given=True)
+FLOWING = "let it flow at several rates"
+FRICTION = "record several inclinations or inertial numbers"
+TOLD = "state its value"  # of a constant that no motion determines
+
+ETA = Term("eta", "Pa s", viscous, guess=(1e-4, 1e-2), excited=FLOWING)
+GIVEN_KAPPA = Term("kappa", "Pa", linear_volume, guess=(1.0,), given=True, excited=SQUEEZED)
 
 NEWTONIAN = Law(
     name="newtonian",
@@ -84,9 +88,9 @@ BINGHAM = Law(
     name="bingham",
     parameters=(
         ETA,
-        Term("tau_y", "Pa", bingham_yield, guess=(0.001, 0.1)),
+        Term("tau_y", "Pa", bingham_yield, guess=(0.001, 0.1), excited=FLOWING),
         GIVEN_KAPPA,
-        Constant("epsilon", "1/s", "given"),
+        Constant("epsilon", "1/s", "given", excited=TOLD),
     ),
     moduli=lambda v: (v["kappa"], 0.0),
     equation="2 eta J dev D + 2 tau_y J dev D / gamma + kappa J (J - 1) I",
@@ -97,13 +101,13 @@ BINGHAM = Law(
 MU_I = Law(
     name="mu-i",
     parameters=(
-        Term("mu_s", "-", static_friction, guess=(0.4,)),
-        Term("delta_mu", "-", inertial_friction, guess=(0.3,)),
-        Constant("I_0", "-", "shape", guess=(0.3,)),
-        Term("kappa", "Pa", logarithmic_volume, given=True),
-        Constant("grain_diameter", "m", "given"),
-        Constant("grain_density", "kg/m^3", "given"),
-        Constant("epsilon", "1/s", "given"),
+        Term("mu_s", "-", static_friction, guess=(0.4,), excited=FRICTION),
+        Term("delta_mu", "-", inertial_friction, guess=(0.3,), excited=FRICTION),
+        Constant("I_0", "-", "shape", guess=(0.3,), excited=FRICTION),
+        Term("kappa", "Pa", logarithmic_volume, given=True, excited=TOLD),
+        Constant("grain_diameter", "m", "given", excited=TOLD),
+        Constant("grain_density", "kg/m^3", "given", excited=TOLD),
+        Constant("epsilon", "1/s", "given", excited=TOLD),
     ),
     moduli=lambda v: (v["kappa"], 0.0),
     equation="[mu_s + delta_mu I / (I + I_0)] J p 2 dev D / gamma + kappa log(J) I",
@@ -114,7 +118,7 @@ MU_I = Law(
 
 WEAKLY_COMPRESSIBLE = Law(
     name="weakly-compressible",
-    parameters=(Term("lam", "Pa", linear_volume),),
+    parameters=(Term("lam", "Pa", linear_volume, excited=SQUEEZED),),
     moduli=lambda v: (v["lam"], 0.0),
     equation="lam J (J - 1) I",
     flow="fluid",

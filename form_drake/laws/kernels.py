@@ -133,16 +133,38 @@ def responses(law: Law, decomposition: str, precision: str):
 def stress(law: Law, decomposition: str, precision: str):
     """Warp function (F, e, L, theta, s) -> Kirchhoff stress [Pa]."""
     t, make = types(precision), point(law, decomposition, precision)
-    functions = tuple(term.response for term in law.terms)
+    total = _summed(tuple(term.response for term in law.terms))
     bulk = bulk_index(law)
 
     @wp.func
     def function(F: t.mat, e: t.mat, L: t.mat, theta: wp.array(dtype=t.real), s: t.vec4):
         q = make(F, e, L, theta[bulk])
-        tau = theta[0] * wp.static(functions[0])(q, s)
-        for k in range(1, wp.static(len(functions))):
-            tau += theta[k] * wp.static(functions[k])(q, s)
-        return tau
+        return total(q, theta, s)
+
+    return function
+
+
+def _summed(functions: tuple[wp.Function, ...]):
+    """Warp function (q, theta, s) -> sum over k of theta[k] times the k-th function's response.
+
+    One function calls the next instead of a loop over ``wp.static(functions[k])``: Warp's cache
+    tells functions apart by what they call by name, not by what such a loop picks, and would take
+    the kernel of one law for that of another with the same first term and number of terms.
+    """
+    *before, last = functions
+    k = len(before)
+
+    @wp.func
+    def first(q: Any, theta: Any, s: Any):
+        return theta[0] * last(q, s)
+
+    if not before:
+        return first
+    rest = _summed(tuple(before))
+
+    @wp.func
+    def function(q: Any, theta: Any, s: Any):
+        return rest(q, theta, s) + theta[k] * last(q, s)
 
     return function
 

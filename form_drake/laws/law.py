@@ -2,7 +2,8 @@
 
 Kirchhoff stress [Pa] at a material point q is ``sum_k theta_k T_k(q, s)``; each ``T_k`` is one Warp
 function, called both by the simulator and by the columns of the identification. ``s`` holds the
-constants in which the law is not linear (Gent's J_m, the mu(I) law's I_0, ...).
+constants in which the law is not linear (Gent's J_m, the mu(I) law's I_0, ...). Laws may be added:
+``YEOH + GENT`` is a law like any other, see ``form_drake.laws.sums``.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,6 +14,9 @@ import numpy as np
 import warp as wp
 
 Values = Mapping[str, float]
+
+MOST_CONSTANTS = 4  # what the vector s of the kernels holds
+NEEDS = frozenset({"rotation", "strain", "rate"})
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class Term:
         guess: first guesses; in Pa or Pa s they are per Pa of the scanned Young's modulus.
         given: the parameter is a numerical constant that identification may be told.
         signed: the parameter may be negative; every other one must be positive.
+        excited: what to do with the body so that its motion determines the parameter, a phrase.
     """
 
     key: str
@@ -34,6 +39,7 @@ class Term:
     guess: tuple[float, ...] = (1.0,)
     given: bool = False
     signed: bool = False
+    excited: str = "strain the body more"
 
 
 @dataclass(frozen=True)
@@ -46,12 +52,14 @@ class Constant:
         role: ``shape`` enters the responses and is searched for, ``given`` enters the responses
             and must be stated, ``yield`` bounds the elastic strain.
         guess: first guesses, as for a term.
+        excited: as for a term.
     """
 
     key: str
     unit: str
     role: Literal["shape", "given", "yield"]
     guess: tuple[float, ...] = (1.0,)
+    excited: str = "strain the body more"
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ class Law:
     Attributes:
         name: as on the command line.
         parameters: terms and constants in the order in which they are printed.
-        moduli: values -> bulk and shear modulus at rest [Pa].
+        moduli: values -> bulk and shear modulus at rest [Pa], linear in the terms' values.
         needs: which of ``rotation``, ``strain`` (Hencky) and ``rate`` the responses read.
         flow: what a step keeps of the trial deformation gradient: all of it (``elastic``), the
             elastic part after a radial return (``plastic``), its volume change (``fluid``), or
@@ -71,6 +79,10 @@ class Law:
         radius_constants: values -> the constants r of ``radius``.
         pressure: Warp function J -> pressure [Pa] per unit ``kappa``, for laws that read it.
         equation: the stress in plain text.
+        summands: the laws of which this one is the sum, as ``yeoh + gent`` makes it.
+
+    Raises:
+        ValueError: two parameters of one name, too many constants, or an unknown need.
     """
 
     name: str
@@ -82,6 +94,32 @@ class Law:
     radius: wp.Function | None = field(default=None, repr=False)
     radius_constants: Callable[[Values], tuple[float, ...]] | None = field(default=None, repr=False)
     pressure: wp.Function | None = field(default=None, repr=False)
+    summands: tuple["Law", ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        held = self.constants("shape", "given")
+        if len(set(self.keys)) < len(self.keys):
+            raise ValueError(f"{self.name}: two parameters have one name: {', '.join(self.keys)}")
+        if len(held) > MOST_CONSTANTS:
+            raise ValueError(
+                f"{self.name} has {len(held)} constants ({', '.join(held)}): a law or a sum of laws"
+                f" may have {MOST_CONSTANTS}"
+            )
+        if not self.needs <= NEEDS:
+            raise ValueError(f"{self.name}: needs may hold {', '.join(sorted(NEEDS))}")
+
+    def __add__(self, other: "Law") -> "Law":
+        """The law whose stress is the sum of both, see ``form_drake.laws.sums.added``."""
+        if not isinstance(other, Law):
+            return NotImplemented
+        from form_drake.laws.sums import added  # which itself is made of laws
+
+        return added((*self.parts, *other.parts))
+
+    @property
+    def parts(self) -> tuple["Law", ...]:
+        """The laws of which this one is the sum; itself, where it is none."""
+        return self.summands or (self,)
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from form_drake.laws.elastic import SQUEEZED
 from form_drake.laws.law import Constant, Law, Term, Values
 
 
@@ -40,12 +41,17 @@ def _lame(values: Values) -> tuple[float, float]:
     return values["lam"] + 2.0 / 3.0 * values["mu"], values["mu"]
 
 
-MU = Term("mu", "Pa", hencky_shear, guess=(0.38,))
-LAM = Term("lam", "Pa", hencky_volume, guess=(0.58,), signed=True)
+MU = Term("mu", "Pa", hencky_shear, guess=(0.38,), excited="shear the body below yield")
+LAM = Term("lam", "Pa", hencky_volume, guess=(0.58,), signed=True, excited=SQUEEZED)
+YIELDING = "load it beyond yield"
 
 VON_MISES = Law(
     name="von-mises",
-    parameters=(MU, LAM, Constant("tau_y", "Pa", "yield", guess=(0.003, 0.03, 0.3))),
+    parameters=(
+        MU,
+        LAM,
+        Constant("tau_y", "Pa", "yield", guess=(0.003, 0.03, 0.3), excited=YIELDING),
+    ),
     moduli=_lame,
     equation="2 mu e + lam tr(e) I, |dev tau| <= tau_y",
     needs=frozenset({"strain"}),
@@ -62,7 +68,11 @@ def cone_slope(values: Values) -> tuple[float, ...]:
 
 DRUCKER_PRAGER = Law(
     name="drucker-prager",
-    parameters=(MU, LAM, Constant("alpha", "-", "yield", guess=(0.1, 0.3))),
+    parameters=(
+        MU,
+        LAM,
+        Constant("alpha", "-", "yield", guess=(0.1, 0.3), excited=f"{YIELDING} under pressure"),
+    ),
     moduli=_lame,
     equation="2 mu e + lam tr(e) I, |dev tau| <= -alpha tr(tau) (cone, no tension)",
     needs=frozenset({"strain"}),

@@ -12,6 +12,11 @@ ENGINEERING = ("E", "nu")
 STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
 
 
+def has_lame(law: Law) -> bool:
+    """Whether E and nu can stand for the law's mu and lam: not in a sum, whose moduli hold more."""
+    return set(LAME) <= set(law.keys) and not law.summands
+
+
 def lame(E: float, nu: float) -> tuple[float, float]:
     """Lame's constants (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio.
 
@@ -33,7 +38,7 @@ def with_lame(law: Law, values: Values) -> dict[str, float]:
     if not named:
         return dict(values)
     rest = {k: v for k, v in values.items() if k not in ENGINEERING}
-    if not set(LAME) <= set(law.keys):
+    if not has_lame(law):
         raise ValueError(f"{law.name} has no E and nu: its parameters are {', '.join(law.keys)}")
     if len(named) == 1:
         raise ValueError(f"{named[0]} alone is given: give E and nu together, or mu and lam")
@@ -48,7 +53,7 @@ def checked_values(law: Law, values: Mapping[str, Any]) -> dict[str, float]:
     Raises:
         ValueError: an unknown key, or a value that is not finite or physically impossible.
     """
-    allowed = set(law.keys) | (set(ENGINEERING) if set(LAME) <= set(law.keys) else set())
+    allowed = set(law.keys) | (set(ENGINEERING) if has_lame(law) else set())
     numbers = {}
     for key, value in values.items():
         if key not in allowed:

@@ -54,6 +54,8 @@ def check_stream(name: str, stream: "Stream", shape: tuple[int, ...]) -> None:
         raise ValueError(
             f"{name}: samples of shape {[len(time), *shape]} are wanted, got {list(value.shape)}"
         )
+    if stream.noise is not None and not 0 <= stream.noise < np.inf:
+        raise ValueError(f"{name}: noise must be finite and not negative, got {stream.noise}")
     if not np.isfinite(time).all() or not np.isfinite(value).all() or np.any(np.diff(time) <= 0):
         raise ValueError(f"{name}: values must be finite and time stamps must increase")
 

@@ -60,6 +60,8 @@ def _write_streams(file: h5py.File, recording: Recording) -> None:
         streams["joints"] = recording.joints
     for place, stream in streams.items():
         file[f"{place}/time"], file[f"{place}/value"] = stream.time, stream.value
+        if stream.noise is not None:
+            file[place].attrs["noise"] = stream.noise
 
 
 def read_recording(path: Path) -> Recording:
@@ -219,7 +221,9 @@ def _members(group: Any, *names: str) -> list[np.ndarray]:
 
 
 def _stream(group: h5py.Group) -> Stream:
-    return Stream(*_members(group, "time", "value"))
+    time, value = _members(group, "time", "value")
+    noise = group.attrs.get("noise")
+    return Stream(time, value, None if noise is None else finite("noise", noise))
 
 
 def _camera(group: h5py.Group) -> Camera:

@@ -59,10 +59,12 @@ class Stream:
         time: stamps [s], shape [samples], increasing.
         value: samples; poses X_WT are homogeneous matrices [samples, 4, 4], forces f_T_W [N]
             have shape [samples, 3], joint positions q [rad] shape [samples, joints].
+        noise: standard deviation of one component, in the unit of the values; None: unknown.
     """
 
     time: np.ndarray
     value: np.ndarray
+    noise: float | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class Recording:
         volume: reference volume of each point [m^3], shape [points].
         density: mass per reference volume [kg/m^3].
         gravity: acceleration [m/s^2], shape [3].
+        pressure: supplied Cauchy pressure at the points [Pa], shape [frames, points].
+        body_force: force per mass besides gravity [m/s^2], shape [frames, points, 3].
         step: solver step of each frame, shape [frames], where the motion was stepped.
         solver: how it was stepped.
         states: full solver states, where recorded.
@@ -122,6 +126,8 @@ class Recording:
     v_0: np.ndarray | None = array("points/v_0", "points 3", "m/s")
     volume: np.ndarray | None = array("points/volume", "points", "m^3")
     gravity: np.ndarray | None = array("gravity", "3", "m/s^2")
+    pressure: np.ndarray | None = array("points/pressure", "frames points", "Pa")
+    body_force: np.ndarray | None = array("points/body_force", "frames points 3", "m/s^2")
     step: np.ndarray | None = array("points/step", "frames", "-", kind="i")
     rest: np.ndarray | None = array("rest", "intervals 2", "s")
     noise: float | None = None

@@ -1,0 +1,166 @@
+"""Variable projection: a search over nonlinear constants around the linear weak solve."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from form_drake.laws.values import finite
+from form_drake.weak.probe import Probe
+from form_drake.weak.solve import Solution, Weights, bounded
+from form_drake.weak.stress import strain_over_radius
+from form_drake.weak.system import WeakSystem, stacked
+from form_drake.weak.unknowns import Unknowns
+
+Level = Literal["row", "probe"]
+
+GRID = 19
+SHAPE_SPAN = 300.0  # either way from the first guess of a shape constant
+YIELD_SPAN = 300.0  # below the largest elastic strain that the motion could hold
+DIFFERENCE = 1e-3  # of the logarithm of a nonlinear constant
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Probes of one material and what is sought of its law.
+
+    Attributes:
+        probes: rows come from all of them.
+        unknowns: of the law.
+        ranges: first and last value of the search for each nonlinear constant; the yield
+            constant is searched as the bound r on the elastic strain.
+        level: the model error of a row is a share of its own size (``row``), or of the largest
+            size among the rows of its probe (``probe``).
+    """
+
+    probes: tuple[Probe, ...]
+    unknowns: Unknowns
+    ranges: tuple[tuple[float, float], ...]
+    level: Level = "row"
+
+    @classmethod
+    def of(cls, probes: Sequence[Probe], unknowns: Unknowns, level: Level) -> "Problem":
+        law = unknowns.law
+        ranges = []
+        for key in unknowns.searched:
+            if key in law.constants("yield"):
+                top = max(_largest_strain(p, unknowns) for p in probes)
+                ranges.append((top / YIELD_SPAN, top))
+            else:
+                guess = law.parameter(key).guess
+                ranges.append((min(guess) / SHAPE_SPAN, max(guess) * SHAPE_SPAN))
+        return cls(tuple(probes), unknowns, tuple(ranges), level)
+
+    def values(self, eta: np.ndarray) -> dict[str, float]:
+        """Constants of the law at exp(eta); terms are placeholders."""
+        law = self.unknowns.law
+        values = {k: 1.0 for k in law.keys}
+        values |= {k: v for k, v in self.unknowns.known.items() if k in law.keys}
+        for key, e in zip(self.unknowns.searched, eta, strict=True):
+            if key in law.constants("yield"):
+                values |= self.unknowns.radius(float(np.exp(e)))
+            else:
+                values[key] = float(np.exp(e))
+        return values
+
+    def system(
+        self,
+        eta: np.ndarray,
+        theta: np.ndarray | None = None,
+        drawn: Sequence[tuple[np.ndarray, dict[str, np.ndarray]]] | None = None,
+        sign: float = 1.0,
+        *,
+        sized: bool = True,
+    ) -> WeakSystem:
+        """All rows at the nonlinear constants exp(eta), with noise ``drawn`` added."""
+        systems = []
+        share = self.unknowns.theta(np.ones(len(self.unknowns.keys))) if theta is None else theta
+        for n, probe in enumerate(self.probes):
+            motion, pushed = probe.motion, {}
+            if drawn is not None:
+                motion = probe.sampling.motion(probe.fit.c + sign * drawn[n][0])
+                pushed = {k: sign * p for k, p in drawn[n][1].items()}
+            values = self.values(eta)
+            rows = probe.rows(self.unknowns.law, values, motion, share, pushed, sized=sized)
+            acting = np.abs(rows.sizes * share * self.unknowns.columns)
+            rows = replace(rows, scale=acting.sum(axis=1))
+            if self.level == "probe":
+                rows = replace(rows, scale=np.full(len(rows.b), rows.scale.max()))
+            systems.append(rows)
+        total = stacked(systems)
+        return replace(total, A=total.A * self.unknowns.columns)
+
+    def noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
+        """Covariance of each probe's rows, probes being independent [(N m s)^2]."""
+        values = self.values(eta)
+        return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
+
+    def solved(self, system: WeakSystem, by: Weights) -> Solution:
+        """The linear solution of a system under the signs that physics demands."""
+        A, b = self.reduced(system)
+        return bounded(A, b, by, self.floors(system))
+
+    def reduced(self, system: WeakSystem) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of phi and what the known part leaves of b."""
+        return system.A @ self.unknowns.M, system.b - system.A @ self.unknowns.offset
+
+    def floors(self, system: WeakSystem) -> np.ndarray:
+        """Least value of every phi: just above zero where it must be positive."""
+        law, keys = self.unknowns.law, self.unknowns.keys
+        signed = {t.key for t in law.terms if t.signed}
+        size = np.linalg.norm(system.sizes @ np.abs(self.unknowns.M), axis=0)
+        level = 1e-9 * np.linalg.norm(system.scale) / np.maximum(size, 1e-300)
+        return np.where([k in signed for k in keys], -np.inf, level)
+
+    def searched(self, by: Weights, start: np.ndarray | None = None) -> np.ndarray:
+        """The logarithms of the nonlinear constants that leave the least residual."""
+        if not self.ranges:
+            return np.zeros(0)
+
+        def left(eta: np.ndarray) -> float:
+            r = by.white(self.solved(self.system(eta, sized=False), by).residual)
+            return float(r @ r)
+
+        spans = np.log(np.array(self.ranges))
+        if len(spans) == 1:
+            return np.array([_line(left, spans[0], start)])
+        if start is None:
+            corners = [np.linspace(np.log(r[0]), np.log(r[1]), 7)[1:-1:2] for r in self.ranges]
+            start = min((np.array(p) for p in product(*corners)), key=left)
+        found = minimize(left, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-9})
+        return np.asarray(found.x, dtype=float)
+
+    def slopes(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """d (A theta) / d eta, shape [rows, len(eta)]."""
+        columns = np.zeros((sum(int(p.keep.sum()) for p in self.probes), len(eta)))
+        for n, step in enumerate(DIFFERENCE * np.eye(len(eta))):
+            up, down = (
+                self.system(eta + s * step, theta, sized=False).A @ theta for s in (1.0, -1.0)
+            )
+            columns[:, n] = (up - down) / (2.0 * DIFFERENCE)
+        return columns
+
+
+def _line(left: Callable[[np.ndarray], float], span: np.ndarray, start: np.ndarray | None) -> float:
+    """Scan of one constant, then a golden-section search about the best."""
+    if start is None:
+        grid = np.linspace(span[0], span[1], GRID)
+        best = grid[int(np.argmin([left(np.array([e])) for e in grid]))]
+        reach = grid[1] - grid[0]
+    else:
+        best, reach = float(start[0]), 0.25 * (span[1] - span[0]) / GRID
+    low, high = max(best - reach, span[0]), min(best + reach, span[1])
+    found = minimize_scalar(
+        lambda e: left(np.array([e])), bounds=(low, high), method="bounded", options={"xatol": 1e-4}
+    )
+    return finite("search", found.x)
+
+
+def _largest_strain(probe: Probe, unknowns: Unknowns) -> float:
+    """The bound on the elastic strain that nine tenths of the motion would pass, were it elastic."""
+    motion = probe.motion
+    looks = np.unique(np.linspace(0, len(motion.time) - 1, 40).astype(int))
+    return float(np.quantile(strain_over_radius(unknowns.law, motion.F[looks]).max(axis=0), 0.9))

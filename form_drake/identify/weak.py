@@ -1,0 +1,331 @@
+"""Identification from the weak momentum balance: tracks and forces at camera rate."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.linalg import eigh
+
+from form_drake.identify.search import Level, Problem
+from form_drake.identify.solve import Identification, Unidentifiable, require_given
+from form_drake.laws import Law
+from form_drake.laws.values import LAME
+from form_drake.material import Material
+from form_drake.records import Recording
+from form_drake.weak.choice import (
+    chosen_fields,
+    chosen_pressure,
+    chosen_windows,
+    spaced,
+    traction_free,
+)
+from form_drake.weak.fields import Fields
+from form_drake.weak.probe import Probe, prepared, probe_body
+from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved, totals, weights
+from form_drake.weak.system import WeakSystem
+from form_drake.weak.unknowns import Pressure, Unknowns
+
+PASSES = 2  # of the weights after the first search
+LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
+LARGEST_SHARE = 0.5  # of the observed stress that one deviation of a parameter may contribute
+
+Estimator = Literal["gls", "ols"]
+
+
+@dataclass(frozen=True)
+class WeakOptions:
+    """How the weak form is set up.
+
+    Attributes:
+        fields: names of families of test fields, or the families themselves, see
+            ``form_drake.weak.choice``; empty: chosen from the faces of the body.
+        window: width of the windows [s]; None: chosen from the frames and the law.
+        ends: first and last moment of every window, counted from the first frame [s]; empty: they
+            are spread evenly.
+        pressure: who balances pressure, see ``Unknowns.of``; None: chosen from the motion.
+        estimator: ``gls``, or ``ols`` for ordinary least squares as in the paper.
+        draws: pairs of noise draws for the errors-in-variables correction; 0: none.
+        seed: of the draws.
+        level: what the model error of a row is a share of, see ``Problem``.
+    """
+
+    fields: tuple[str | Fields, ...] = ()
+    window: float | None = None
+    ends: tuple[tuple[float, float], ...] = ()
+    pressure: Pressure | None = None
+    estimator: Estimator = "gls"
+    draws: int = 4
+    seed: int = 0
+    level: Level = "row"
+
+
+@dataclass(frozen=True)
+class WeakFit:
+    """Everything a report needs beside the answer.
+
+    Attributes:
+        problem: probes and unknowns.
+        system: rows at the solution.
+        theta: coefficients of all terms.
+        residual: b - A theta [N m s], shape [rows].
+        noise: standard deviation of each row's noise [N m s], shape [rows].
+        error: model error as a share of each row's size.
+        bias: what the errors-in-variables correction took off each value.
+    """
+
+    problem: Problem
+    system: WeakSystem
+    theta: np.ndarray
+    residual: np.ndarray
+    noise: np.ndarray
+    error: float
+    bias: dict[str, float] = field(default_factory=dict)
+
+
+def identify_weak(
+    recordings: Sequence[Recording],
+    law: Law,
+    known: Mapping[str, float],
+    options: WeakOptions | Sequence[WeakOptions] | None = None,
+) -> Identification:
+    """Identify a law from the weak momentum balance of one or several probes.
+
+    Args:
+        recordings: probes of one material.
+        law: the law.
+        known: given values; ``nu`` ties mu and lam.
+        options: of the weak form; of every probe, where they differ in fields and windows.
+
+    Raises:
+        ValueError: a recording lacks what the balance needs.
+        Unidentifiable: the motions do not determine the parameters.
+    """
+    each = _of_every_probe(options, len(recordings))
+    options = each[0]
+    begun = time.perf_counter()
+    require_given(law.name, [k for k in law.constants("given") if k not in known])
+    problem = _problem(recordings, law, known, each)
+    compiled = time.perf_counter()
+    answer, fit = _answer(problem, options)
+    seconds = time.perf_counter() - compiled
+    reading = compiled - begun
+    details = {
+        "pressure": problem.unknowns.pressure,
+        "estimator": options.estimator,
+        "probes": [_described(p) for p in problem.probes],
+        "model_error": fit.error,
+        "bias_removed": fit.bias,
+        **answer.details,
+    }
+    return replace(answer, details=details, seconds=seconds + reading, weak=fit)
+
+
+def _of_every_probe(
+    options: WeakOptions | Sequence[WeakOptions] | None, count: int
+) -> list[WeakOptions]:
+    if options is None or isinstance(options, WeakOptions):
+        return [options or WeakOptions()] * count
+    if len(options) != count:
+        raise ValueError(f"options of {len(options)} weak forms for {count} recordings")
+    return list(options)
+
+
+def _problem(
+    recordings: Sequence[Recording],
+    law: Law,
+    known: Mapping[str, float],
+    each: Sequence[WeakOptions],
+) -> Problem:
+    options = each[0]
+    fitted = [(r, *probe_body(r)) for r in recordings]
+    pressure = options.pressure or chosen_pressure([(r, f) for r, _, f in fitted], law)
+    unknowns = Unknowns.of(law, known, pressure)
+    if unknowns.undecided:
+        raise Unidentifiable.of(law, unknowns.undecided, "pressure is free or supplied")
+    if not unknowns.keys and not unknowns.searched:
+        raise ValueError("every parameter is known: nothing is left to identify")
+    probes = []
+    for n, (recording, shape, fit) in enumerate(fitted):
+        own = each[n]
+        ends = np.array(own.ends)
+        if not own.ends:
+            ends = chosen_windows(recording, law, own.window)
+        fields = chosen_fields(own.fields, recording, shape, fit, ends, pressure)
+        if not own.ends:
+            ends = spaced(ends, fields, len(fitted))
+        free = traction_free(shape, fields)
+        probes.append(prepared(recording, f"probe {n + 1}", fields, ends, shape, fit, free))
+    return Problem.of(probes, unknowns, options.level)
+
+
+def _described(probe: Probe) -> dict[str, object]:
+    return {
+        "name": probe.name,
+        **probe.fit.describe(),
+        "windows": len(probe.windows),
+        "window": float(np.diff(probe.windows.ends, axis=1).mean()),
+        "fields": [n for f in probe.fields for n in f.names],
+        "force_noise": {k: f.noise for k, f in probe.forces.items()},
+    }
+
+
+def _answer(problem: Problem, options: WeakOptions) -> tuple[Identification, WeakFit]:
+    eta, solution, by, noise = _weighted(problem)
+    if options.estimator == "ols":
+        equal = Weights(tuple(np.eye(len(n)) for n in noise), by.error)
+        eta = problem.searched(equal)
+        solution = problem.solved(problem.system(eta), equal)
+    theta = problem.unknowns.theta(solution.theta)
+    system = problem.system(eta, theta)
+    J = np.hstack([problem.reduced(system)[0], problem.slopes(eta, theta)])
+    target = system.b - system.A @ theta + J[:, : len(solution.theta)] @ solution.theta
+    free = solved(J, target, by)
+    if options.estimator == "ols":
+        free = ordinary(J, target, totals(noise, system.scale, by.error))
+    phi = solution.theta
+    _refuse(problem, system, phi, free)
+    keys, point, spread = _parameters(problem, phi, eta)
+    bias = np.zeros(len(phi) + len(eta))
+    if options.draws and options.estimator == "gls":
+        bias = _bias(problem, eta, J, by, options)
+    value = _parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
+    covariance = spread @ free.covariance @ spread.T
+    given = {k: v for k, v in problem.unknowns.known.items() if k in problem.unknowns.law.keys}
+    removed = dict(zip(keys, (point - value).tolist(), strict=True))
+    material = Material(
+        problem.unknowns.law,
+        {**given, **dict(zip(keys, value.tolist(), strict=True))},
+        density=problem.probes[0].body.density,
+        covariance=covariance,
+        keys=keys,
+    )
+    residual = system.b - system.A @ theta
+    row_noise = np.sqrt(np.concatenate([np.diag(n) for n in noise]))
+    white = weights(noise, system.scale, 0.0).white(residual)
+    answer = Identification(
+        material=material,
+        method="weak",
+        observed="tracks and force" if any(p.forces for p in problem.probes) else "tracks",
+        condition=free.condition,
+        residual=float(np.sqrt(np.mean((residual / system.scale) ** 2))),
+        residual_unit="of the stress integrals",
+        rows=len(residual),
+        seconds=0.0,
+        details={
+            "effective_rows": free.effective,
+            "noise_misfit": float(np.sqrt(np.mean(white**2))),
+        },
+    )
+    return answer, WeakFit(problem, system, theta, residual, row_noise, by.error, removed)
+
+
+def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.ndarray]]:
+    """Search and solution, first with rows weighted by size, then by their covariance."""
+    middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
+    rough = problem.system(middle)
+    sizes = rough.sizes[:, problem.unknowns.columns]
+    size = np.mean(sizes / np.sqrt(np.mean(sizes**2, axis=0)), axis=1)
+    none = [np.zeros((k, k)) for k in (int(p.keep.sum()) for p in problem.probes)]
+    by = weights(none, size / size.max(), 1.0)
+    eta = problem.searched(by)
+    solution = problem.solved(problem.system(eta), by)
+    noise = none
+    for n in range(PASSES):
+        theta = problem.unknowns.theta(solution.theta)
+        noise = problem.noise(eta, theta)
+        system = problem.system(eta, theta)
+        by = balanced(noise, system.scale, *problem.reduced(system))
+        if n == 0:
+            eta = problem.searched(by, eta)
+        solution = problem.solved(problem.system(eta), by)
+    return eta, solution, by, noise
+
+
+def _refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution) -> None:
+    """Refuse parameters whose deviation contributes as much stress as there is.
+
+    Raises:
+        Unidentifiable: naming them.
+    """
+    unknowns = problem.unknowns
+    deviation = np.sqrt(np.diag(free.covariance))
+    level = float(np.sqrt(np.mean(system.scale**2)))
+    own = np.sqrt(np.mean((system.sizes @ np.abs(unknowns.M)) ** 2, axis=0))
+    lost = [
+        k
+        for k, s, o in zip(unknowns.keys, deviation, own, strict=False)
+        if s * o > LARGEST_SHARE * level
+    ]
+    spread = deviation[len(phi) :]
+    lost += [k for k, s in zip(unknowns.searched, spread, strict=True) if s > 1.0]
+    if lost:
+        raise Unidentifiable.of(unknowns.law, _named(unknowns, lost))
+
+
+def _parameters(
+    problem: Problem, phi: np.ndarray, eta: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Keys, values and the derivative of the values by (phi, eta)."""
+    unknowns = problem.unknowns
+    law = unknowns.law
+    touched = np.abs(unknowns.M).sum(axis=1) > 0
+    terms = tuple(t.key for t, on in zip(law.terms, touched, strict=True) if on)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        theta = unknowns.theta(x[: len(phi)])
+        found = list(theta[touched])
+        for key, e in zip(unknowns.searched, x[len(phi) :], strict=True):
+            r = float(np.exp(e))
+            found.append(unknowns.yields(r, theta) if key in law.constants("yield") else r)
+        return np.array(found)
+
+    at = np.append(phi, eta)
+    slopes = []
+    for n in range(len(at)):
+        step = np.zeros(len(at))
+        step[n] = 1e-6 * max(abs(at[n]), 1e-3)
+        slopes.append((values(at + step) - values(at - step)) / (2.0 * step[n]))
+    return (*terms, *unknowns.searched), values(at), np.array(slopes).T
+
+
+def _bias(
+    problem: Problem, eta: np.ndarray, J: np.ndarray, by: Weights, options: WeakOptions
+) -> np.ndarray:
+    """What noise of the size that the data hold adds to (phi, eta) on average.
+
+    Antithetic pairs: the linear part cancels, errors-in-variables and curvature remain.
+
+    Raises:
+        Unidentifiable: columns that are noise for the most part.
+    """
+    rng = np.random.default_rng(options.seed)
+    unknowns = problem.unknowns
+    count = len(unknowns.keys)
+
+    def moved(drawn: Any, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        A, b = problem.reduced(problem.system(eta, drawn=drawn, sign=sign, sized=False))
+        return A, solved(np.hstack([A, J[:, count:]]), b, by).theta
+
+    columns, still = moved(None, 1.0)
+    shifts, noise = [], np.zeros((count, count))
+    for _ in range(options.draws):
+        drawn = [p.drawn(rng) for p in problem.probes]
+        up, down = moved(drawn, 1.0), moved(drawn, -1.0)
+        change = 0.5 * (up[0] - down[0])
+        noise += change.T @ change / options.draws
+        shifts.append(0.5 * (up[1] + down[1]) - still)
+    if count:
+        share, directions = eigh(noise, columns.T @ columns)
+        if share[-1] > LARGEST_NOISE:
+            weight = np.abs(directions[:, -1]) * np.linalg.norm(columns, axis=0)
+            lost = [k for k, w in zip(unknowns.keys, weight, strict=True) if w > 0.3 * weight.max()]
+            raise Unidentifiable.of(unknowns.law, _named(unknowns, lost), "noise hides them")
+    return np.mean(shifts, axis=0)
+
+
+def _named(unknowns: Unknowns, keys: Sequence[str]) -> list[str]:
+    """Keys of the law's own parameters."""
+    own = unknowns.law.keys
+    return [n for k in keys for n in ((k,) if k in own else LAME)]

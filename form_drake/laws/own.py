@@ -1,0 +1,111 @@
+"""Laws of one's own, declared in a Python file as those of this package are."""
+
+import re
+import sys
+import traceback
+from itertools import count
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import warp as wp
+
+from form_drake.laws.law import Law
+from form_drake.laws.named import LAWS, OWN
+
+_files: dict[str, Path] = {}
+_numbers = count()
+
+
+def load(path: Path) -> list[Law]:
+    """Run a Python file and make the laws that it declares known to ``law_named``.
+
+    A law is a module-level ``Law`` object. Loading a file again replaces its laws.
+
+    Args:
+        path: the file; it is run with all rights of this program.
+
+    Returns:
+        The laws, in the order in which the file declares them.
+
+    Raises:
+        ValueError: one line: there is no such file, it fails, declares no law or a wrong one, or
+            the name of one is taken.
+    """
+    path = Path(path).absolute()
+    loaded = {id(law) for law in (LAWS | OWN).values()}
+    found: dict[int, Law] = {}
+    for thing in vars(_run(path)).values():
+        if isinstance(thing, Law) and id(thing) not in loaded and not thing.summands:
+            found[id(thing)] = thing
+    laws = list(found.values())
+    if not laws:
+        raise ValueError(f"{path}: declares no law; a module-level Law object is wanted")
+    names = [law.name for law in laws]
+    for law in laws:
+        fault = _fault(law)
+        if names.count(law.name) > 1:
+            fault = "the file declares two laws of this name"
+        elif law.name in LAWS or _files.get(law.name, path) != path:
+            fault = f"the name is taken by {_files.get(law.name, 'a law of this package')}"
+        if fault:
+            raise ValueError(f"{path}: law {law.name!r}: {fault}")
+    for name in [n for n, file in _files.items() if file == path]:
+        del _files[name], OWN[name]
+    OWN.update(zip(names, laws, strict=True))
+    _files.update(dict.fromkeys(names, path))
+    return laws
+
+
+def _run(path: Path) -> ModuleType:
+    try:
+        code = compile(path.read_bytes(), str(path), "exec")
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}") from None
+    except SyntaxError as error:
+        raise ValueError(f"{path}, line {error.lineno}: {error.msg}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: no Python file: {error}") from None
+    # Warp keeps what it compiles by the module's name, so each run has a name of its own.
+    module = ModuleType(f"_form_drake_own_laws_{next(_numbers)}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
+    try:
+        exec(code, vars(module))
+    except Exception as error:
+        del sys.modules[module.__name__]
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if _is(f, path)]
+        said = (str(error).splitlines() or [""])[0]
+        where = f"{path}, line {lines[-1]}" if lines else f"{path}"
+        raise ValueError(f"{where}: {type(error).__name__}: {said}") from None
+    return module
+
+
+def _is(frame: traceback.FrameSummary, path: Path) -> bool:
+    return frame.filename == str(path)
+
+
+def _fault(law: Law) -> str | None:
+    """What is wrong with a declaration, as far as it shows without a motion."""
+    if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", law.name):
+        return "a name is made of lower-case words joined by hyphens"
+    if bad := [k for k in law.keys if not re.fullmatch(r"[A-Za-z]\w*", k, re.ASCII)]:
+        return f"parameter {bad[0]!r}: a name is made of letters, digits and underscores"
+    if not law.terms:
+        return "it has no Term, so no stress"
+    if bad := [t.key for t in law.terms if not isinstance(t.response, wp.Function)]:
+        return f"the response of {bad[0]} is no Warp function: put @wp.func before it"
+    if law.flow not in ("elastic", "plastic", "fluid", "granular"):
+        return f"flow {law.flow!r}: choose elastic, plastic, fluid or granular"
+    whole = law.radius and law.radius_constants and len(law.constants("yield")) == 1
+    if law.flow == "plastic" and not whole:
+        return "a plastic law needs radius, radius_constants and one yield constant"
+    if law.pressure and "kappa" not in law.keys:
+        return "a law that reads pressure needs a term kappa"
+    try:
+        K, G = law.moduli({p.key: p.guess[0] for p in law.parameters})
+        if not np.isfinite([K, G]).all():
+            return f"moduli gives {K} and {G} at the first guesses"
+    except Exception as error:
+        return f"moduli fails at the first guesses: {type(error).__name__}: {error}"
+    return None

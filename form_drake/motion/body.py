@@ -1,0 +1,127 @@
+"""The body between the tracked points: where its volume integrals are taken."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.records import Recording
+
+FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
+CONDITIONS = ("free", "unknown", "bonded", "frictionless", "touched")
+
+
+@dataclass(frozen=True)
+class Face:
+    """A face of the reference box and what acts on it.
+
+    Attributes:
+        axis: 0, 1 or 2.
+        side: 0 below, 1 above.
+        condition: ``free`` of traction, of ``unknown`` traction, ``bonded`` or ``frictionless``
+            over the whole face, or ``touched`` somewhere.
+        tool: the tool or support that touches it; "" for none.
+    """
+
+    axis: int
+    side: int
+    condition: str
+    tool: str = ""
+
+
+@dataclass(frozen=True)
+class Body:
+    """Reference shape of a specimen.
+
+    Attributes:
+        low: lower corner of its box in stress-free coordinates [m], shape [3].
+        high: upper corner [m], shape [3].
+        faces: its six faces.
+        density: mass per reference volume [kg/m^3].
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    faces: tuple[Face, ...]
+    density: float
+
+    def gauss(self, breaks: Sequence[np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss points [m], shape [points, 3], and their reference volumes [m^3], shape [points].
+
+        Args:
+            breaks: ends of the cells along each axis [m].
+            count: points in each cell along each axis.
+        """
+        node, weight = np.polynomial.legendre.leggauss(count)
+        at, share = [], []
+        for ends in breaks:
+            half = 0.5 * np.diff(ends)[:, None]
+            at.append((ends[:-1, None] + half * (node + 1.0)).ravel())
+            share.append((half * weight).ravel())
+        grid = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
+        return grid, np.einsum("i,j,k->ijk", *share).ravel()
+
+    def face_points(self, face: Face, n: int = 6) -> np.ndarray:
+        """Points of an even grid on a face [m], shape [n^2, 3]."""
+        s = np.linspace(0.0, 1.0, n)
+        axes = [s, s, s]
+        axes[face.axis] = np.array([float(face.side)])
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        return self.low + grid * (self.high - self.low)
+
+
+def body(recording: Recording) -> Body:
+    """The reference body that a recording states: a box, its faces and its density.
+
+    Raises:
+        ValueError: geometry or density are missing, or make no sense.
+    """
+    if recording.density is None:
+        raise ValueError("the weak form needs the recording's density [kg/m^3]")
+    shape = recording.geometry.get("shape")
+    if shape != "box":
+        raise ValueError(
+            f"geometry: shape {shape!r}; the weak form needs shape box with its corners low and"
+            ' high in stress-free coordinates [m], such as {"shape": "box", "low": "0 0 0",'
+            ' "high": "0.03 0.03 0.025"}'
+        )
+    low, high = (_corner(recording.geometry, name) for name in ("low", "high"))
+    if not np.all(high > low):
+        raise ValueError(f"geometry: low {low} must lie below high {high} along every axis")
+    return Body(low, high, faces(recording), recording.density)
+
+
+def _corner(geometry: Mapping[str, str], name: str) -> np.ndarray:
+    try:
+        corner = np.array([float(part) for part in str(geometry[name]).split()])
+    except (KeyError, ValueError):
+        corner = np.zeros(0)
+    if corner.shape != (3,) or not np.isfinite(corner).all():
+        raise ValueError(f"geometry: {name} must be three numbers [m], got {geometry.get(name)!r}")
+    return corner
+
+
+def faces(recording: Recording) -> tuple[Face, ...]:
+    """The six faces; what is not stated of a face is ``unknown``.
+
+    Raises:
+        ValueError: a condition that is not known, or a tool that the recording does not hold.
+    """
+    stated = {k: v for k, v in recording.contact.items() if k in FACES or k == "other"}
+    found = []
+    for n, name in enumerate(FACES):
+        words = stated.get(name, stated.get("other", "unknown")).split()
+        if not words or words[0] not in CONDITIONS or len(words) > 2:
+            raise ValueError(
+                f"contact {name}: {' '.join(words)!r}; allowed are {', '.join(CONDITIONS)}, the last"
+                " three followed by the name of a tool or support"
+            )
+        found.append(Face(n // 2, n % 2, words[0], words[1] if len(words) == 2 else ""))
+    named = {f.tool for f in found if f.tool}
+    lost = sorted(set(recording.forces) - named)
+    if lost and named:
+        raise ValueError(
+            f"force of {', '.join(lost)}: no face names it in contact; named are"
+            f" {', '.join(sorted(named))}"
+        )
+    return tuple(found)

@@ -1,0 +1,78 @@
+"""B-spline bases on an interval and on a box, as dense matrices."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+
+@dataclass(frozen=True)
+class Splines:
+    """B-splines on an interval.
+
+    Attributes:
+        breaks: ends of the spans, increasing, shape [spans + 1].
+        degree: polynomial degree.
+    """
+
+    breaks: np.ndarray
+    degree: int
+
+    @classmethod
+    def uniform(cls, low: float, high: float, spans: int, degree: int) -> "Splines":
+        return cls(np.linspace(low, high, spans + 1), degree)
+
+    @property
+    def size(self) -> int:
+        """Number of basis functions."""
+        return len(self.breaks) - 1 + self.degree
+
+    @property
+    def knots(self) -> np.ndarray:
+        ends = np.ones(self.degree)
+        return np.concatenate([self.breaks[0] * ends, self.breaks, self.breaks[-1] * ends])
+
+    def matrix(self, x: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Values or derivatives of all functions at ``x``, shape [len(x), size].
+
+        Points beyond the interval see the polynomials of the outermost spans.
+        """
+        if derivative > self.degree:
+            return np.zeros((len(x), self.size))
+        curve = BSpline(self.knots, np.eye(self.size), self.degree)
+        found: np.ndarray = (curve.derivative(derivative) if derivative else curve)(x)
+        return found
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """Products of B-splines along the three axes of a box."""
+
+    axes: tuple[Splines, Splines, Splines]
+
+    @property
+    def size(self) -> int:
+        """Number of basis functions."""
+        return int(np.prod([a.size for a in self.axes]))
+
+    def matrix(self, X: np.ndarray, derivatives: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
+        """Values or partial derivatives at X [m], shape [points, size]."""
+        a, b, c = (
+            s.matrix(X[:, i], d)
+            for i, (s, d) in enumerate(zip(self.axes, derivatives, strict=True))
+        )
+        return np.einsum("pi,pj,pk->pijk", a, b, c, optimize=True).reshape(len(X), self.size)
+
+    def gradient(self, X: np.ndarray) -> np.ndarray:
+        """Gradients at X [1/m], shape [points, size, 3]."""
+        return np.stack([self.matrix(X, d) for d in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=-1)
+
+    def hessian(self, X: np.ndarray) -> np.ndarray:
+        """Second derivatives at X [1/m^2], shape [points, size, 3, 3]."""
+        found = np.empty((len(X), self.size, 3, 3))
+        one = np.eye(3, dtype=int)
+        for a in range(3):
+            for b in range(a, 3):
+                i, j, k = (one[a] + one[b]).tolist()
+                found[:, :, a, b] = found[:, :, b, a] = self.matrix(X, (i, j, k))
+        return found

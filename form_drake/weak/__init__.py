@@ -1,0 +1,1 @@
+"""The weak momentum balance of a motion (Sec. III of the paper): test fields, windows, rows."""

@@ -1,0 +1,255 @@
+"""Choices where the person makes none: test fields, windows and who balances pressure."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from form_drake.laws import Law
+from form_drake.motion import Body, Face, Fit, Sampling
+from form_drake.records import Recording
+from form_drake.weak.bend import BendFields
+from form_drake.weak.curl import CurlFields
+from form_drake.weak.fields import AxialFields, BoxFields, Fields
+from form_drake.weak.grid import DEGREE, grid_fields
+from form_drake.weak.reach import usable
+from form_drake.weak.stress import volumetric
+from form_drake.weak.unknowns import Pressure
+from form_drake.weak.windows import even
+
+NAMES = ("box", "axial", "bend", "grid", "potential")
+ISOCHORIC = 2e-3  # |J - 1| below this share of the strain is no change of volume
+LONGEST, SHORTEST = 0.16, 0.08  # width of windows [s]: as a rule, and where material yields
+FRAMES = 8  # fewest frames in a window
+STRIDE = 0.4  # of windows, as a share of their width, where that gives no more than
+MOST_ROWS = 2000
+BESIDE = 0.05  # of a strip's length, kept clear beside the pusher's centre
+BENDS = ((0.05, 0.95), (0.1, 1.0), (0.0, 0.9))  # ramps as shares of what the pusher leaves
+RAMPS = ((0.0, 0.9), (0.05, 0.95), (0.1, 1.0))
+CELLS = (4.5, 6.0, 8.0, 12.0)  # of a spatial grid along each axis of the body
+
+
+def chosen_windows(recording: Recording, law: Law, width: float | None) -> np.ndarray:
+    """Ends of the windows [s], from the first frame on, shape [windows, 2].
+
+    Raises:
+        ValueError: the window is longer than the recording.
+    """
+    last = float(recording.time[-1] - recording.time[0])
+    if width is None:
+        frame = float(np.median(np.diff(recording.time)))
+        usual = SHORTEST if law.flow == "plastic" else LONGEST
+        width = min(max(usual, FRAMES * frame), last)
+    elif not 0.0 < width < np.inf:
+        raise ValueError(f"window {width} s: a positive width is wanted")
+    return even(0.0, last, width, STRIDE * width)
+
+
+def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarray:
+    """Fewer of the windows where the rows of all probes would be more than ``MOST_ROWS``."""
+    most = max(MOST_ROWS // probes // sum(len(f.names) for f in fields), 2)
+    if len(ends) <= most:
+        return ends
+    width = float(ends[0, 1] - ends[0, 0])
+    return even(0.0, float(ends[-1, 1]), width, (ends[-1, 0] - ends[0, 0]) / (most - 1))
+
+
+def chosen_pressure(fitted: Sequence[tuple[Recording, Fit]], law: Law) -> Pressure:
+    """Who balances pressure: the law, unless it is supplied or no volume changes."""
+    if all(r.pressure is not None for r, _ in fitted):
+        return "supplied"
+    given = [t.given for t, v in zip(law.terms, volumetric(law), strict=True) if v]
+    if given and all(given) and law.pressure is None:
+        return "free"  # the law's bulk modulus is a numerical constant
+    change, strain = 0.0, 0.0
+    for recording, fit in fitted:
+        X = recording.reference
+        time = np.linspace(0.0, recording.time[-1] - recording.time[0], 24)
+        F = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).F
+        change += float(np.mean((np.linalg.det(F) - 1.0) ** 2))
+        strain += float(np.mean((F @ F.swapaxes(-1, -2) - np.eye(3)) ** 2))
+    return "free" if np.sqrt(change) < ISOCHORIC * np.sqrt(strain) else "law"
+
+
+def chosen_fields(
+    wanted: Sequence[str | Fields],
+    recording: Recording,
+    shape: Body,
+    fit: Fit,
+    ends: np.ndarray,
+    pressure: Pressure,
+) -> tuple[Fields, ...]:
+    """The named families, those given, or those that the faces of the body admit.
+
+    Raises:
+        ValueError: an unknown name, or a family that this body has not.
+    """
+    if not wanted:
+        if pressure != "free":
+            wanted = ("box",)
+        else:
+            wanted = ("axial",) if axial(recording, shape, fit) else ("potential",)
+        if any(f.condition == "touched" and f.tool in recording.forces for f in shape.faces):
+            wanted = ("bend",)
+    found: list[Fields] = []
+    for name in wanted:
+        if not isinstance(name, str):
+            found.append(name)
+            continue
+        if name not in NAMES:
+            raise ValueError(f"test fields {name!r}: choose from {', '.join(NAMES)}")
+        family: Sequence[Fields]
+        if name == "box":
+            family = _box(recording, shape, ends)
+        elif name == "axial":
+            family = axial(recording, shape, fit)
+        elif name == "bend":
+            family = bend(recording, shape)
+        elif name == "potential":
+            family = [CurlFields.of(shape)]
+        else:
+            family = _grid(recording, shape, fit, ends)
+        if not family or not sum(len(f.names) for f in family):
+            raise ValueError(
+                f"no {name} test fields: they need {_needs(name)}; the faces are stated as"
+                f" {dict(recording.contact) or 'nothing'}"
+            )
+        found.extend(family)
+    return tuple(found)
+
+
+def _box(recording: Recording, shape: Body, ends: np.ndarray) -> list[Fields]:
+    """Two elements along each axis, or one where that gives too many rows."""
+    measured = frozenset(recording.forces)
+    fine = BoxFields.of(shape, measured)
+    width = float(ends[0, 1] - ends[0, 0])
+    apart = (ends[-1, 0] - ends[0, 0]) / width * len(fine.names)
+    return [fine if apart <= MOST_ROWS else BoxFields.of(shape, measured, spans=1)]
+
+
+def _needs(name: str) -> str:
+    if name == "axial":
+        return "a face with a measured tool, and a free pair of faces across its axis"
+    if name == "bend":
+        return "a touched face whose tool has a force and poses, and a bonded end"
+    return "room inside the body that no unknown force reaches"
+
+
+def axial(recording: Recording, shape: Body, fit: Fit) -> list[Fields]:
+    """Axial fields of every loaded axis whose lateral faces are free."""
+    found: list[Fields] = []
+    faces = {(f.axis, f.side): f for f in shape.faces}
+    for face in shape.faces:
+        if face.tool not in recording.forces or face.condition not in ("bonded", "frictionless"):
+            continue
+        laterals = [
+            a
+            for a in range(3)
+            if a != face.axis and faces[a, 0].condition == faces[a, 1].condition == "free"
+        ]
+        opposite = faces[face.axis, 1 - face.side]
+        if not laterals or opposite.condition in ("free", "touched"):
+            continue
+        shares = [np.eye(3)[a] for a in laterals]
+        low, high = (_mean_face(recording, shape, fit, f, face.axis) for f in (opposite, face))
+        length = float(np.abs(high - low).min())
+        origin = 0.5 * (shape.low + shape.high)
+        origin[face.axis] = low.mean()
+        found.append(
+            AxialFields(
+                axis=face.axis,
+                origin=origin,
+                length=length,
+                lateral=np.array(shares),
+                ramps=RAMPS,
+                sign=1 if face.side else -1,
+                tool=face.tool,
+                breaks=tuple(
+                    np.linspace(a, z, 4 if n == face.axis else 2)
+                    for n, (a, z) in enumerate(zip(shape.low, shape.high, strict=True))
+                ),
+            )
+        )
+    return found
+
+
+def bend(recording: Recording, shape: Body) -> list[Fields]:
+    """Bending fields of a strip with one bonded end that a tool with known poses pushes sideways."""
+    found: list[Fields] = []
+    ends = [f for f in shape.faces if f.condition == "bonded"]
+    for face in shape.faces:
+        held = [f for f in ends if f.axis != face.axis]
+        measured = face.tool in recording.forces and face.tool in recording.poses
+        if face.condition != "touched" or not measured or not held:
+            continue
+        axis, side = held[0].axis, held[0].side
+        free, length = (shape.low, shape.high)[1 - side], shape.high[axis] - shape.low[axis]
+        origin = 0.5 * (shape.low + shape.high)
+        origin[axis] = free[axis]
+        tool = recording.poses[face.tool].value[:, axis, 3]
+        reach = float(np.abs(tool - free[axis]).max()) / length + BESIDE
+        ramps = tuple((reach + (1.0 - reach) * lo, reach + (1.0 - reach) * hi) for lo, hi in BENDS)
+        breaks = [np.array([a, z]) for a, z in zip(shape.low, shape.high, strict=True)]
+        knots = np.unique([0.0, 1.0, *(s for ramp in ramps for s in ramp)])
+        along = knots if side else 1.0 - knots[::-1]
+        breaks[axis] = shape.low[axis] + length * along
+        found.append(
+            BendFields(
+                axis=axis,
+                push=face.axis,
+                origin=origin,
+                length=length,
+                sign=1 if side else -1,
+                ramps=ramps,
+                tool=face.tool,
+                isochoric=False,
+                breaks=tuple(breaks),
+            )
+        )
+    return found
+
+
+def traction_free(shape: Body, fields: Sequence[Fields]) -> tuple[int, ...]:
+    """Both directions across a strip, where bending fields alone are used."""
+    if all(isinstance(f, BendFields) for f in fields):
+        (axis,) = {f.axis for f in fields if isinstance(f, BendFields)}
+        return tuple(a for a in range(3) if a != axis)
+    return ()
+
+
+def _mean_face(recording: Recording, shape: Body, fit: Fit, face: Face, axis: int) -> np.ndarray:
+    """Position of a face along an axis over time [m], shape [times]."""
+    X = shape.face_points(face)
+    time = np.linspace(0.0, recording.time[-1] - recording.time[0], 64)
+    x = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).x
+    found: np.ndarray = x[:, :, axis].mean(axis=1)
+    return found
+
+
+def _grid(recording: Recording, shape: Body, fit: Fit, ends: np.ndarray) -> list[Fields]:
+    """The widest grid with rows in half of the windows, cut down to the fields ever usable."""
+    corners = np.stack(np.meshgrid(*zip(shape.low, shape.high, strict=True), indexing="ij"), -1)
+    X = corners.reshape(-1, 3)
+    time = np.linspace(0.0, recording.time[-1] - recording.time[0], 24)
+    x = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).x.reshape(-1, 3)
+    for cells in CELLS:
+        spacing = (shape.high - shape.low) / cells
+        beyond = 0.5 * (DEGREE + 1) * spacing  # of free faces, where fields need not vanish
+        low, high = (
+            end
+            + side * beyond * [f.condition == "free" for f in shape.faces if f.side == (side > 0)]
+            for end, side in ((x.min(axis=0), -1), (x.max(axis=0), 1))
+        )
+        breaks = tuple(
+            np.linspace(a, z, int(np.ceil(0.5 * cells)) + 1)
+            for a, z in zip(shape.low, shape.high, strict=True)
+        )
+        grid = grid_fields(low, high, spacing, breaks)
+        try:
+            rows = usable(shape, fit, [grid], ends).reshape(len(ends), -1)
+        except ValueError:
+            continue
+        if rows.any(axis=1).mean() >= 0.5:
+            ever = rows.any(axis=0).reshape(-1, 3).any(axis=1)
+            return [replace(grid, centres=grid.centres[ever])]
+    return []

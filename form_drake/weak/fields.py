@@ -1,0 +1,269 @@
+"""Test fields psi(x, t): the weights of the momentum balance in space.
+
+A field vanishes where an unknown force acts on the body and is a constant vector where a measured
+one does. Material fields are functions of the stress-free position X alone; spatial ones of x.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from form_drake.motion import Body, Face, Frame
+from form_drake.motion.splines import Splines, Tensor
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Test fields at points.
+
+    Attributes:
+        value: psi, shape [fields, points, 3].
+        gradient: d psi_i / d X_j of material fields, d psi_i / d x_j of spatial ones [1/m], shape
+            [fields, points, 3, 3].
+        rate: d psi / dt [1/s] at fixed X of material fields, at fixed x of spatial ones, shape
+            [fields, points, 3]; None: zero.
+    """
+
+    value: np.ndarray
+    gradient: np.ndarray
+    rate: np.ndarray | None = None
+
+
+class Fields(Protocol):
+    """A family of test fields.
+
+    Attributes:
+        names: one for each field.
+        material: gradients are those along X (see ``Sampled``).
+        fixed: material fields that no motion changes.
+        tools: value of every field at the point where a tool acts, shape [fields, 3].
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def material(self) -> bool: ...
+
+    @property
+    def fixed(self) -> bool: ...
+
+    @property
+    def breaks(self) -> tuple[np.ndarray, ...]:
+        """Ends of quadrature cells along each axis, in stress-free coordinates [m]."""
+        ...
+
+    @property
+    def tools(self) -> dict[str, np.ndarray]: ...
+
+    def at(self, frame: Frame) -> Sampled:
+        """The fields at the points of a frame."""
+        ...
+
+    def inside(self, boundary: np.ndarray) -> np.ndarray:
+        """Which fields may be used while held faces are at these points [m], shape [fields]."""
+        ...
+
+
+@dataclass(frozen=True)
+class BoxFields:
+    """Material B-splines over the reference box, tied or dropped at its faces.
+
+    Args:
+        body: the specimen.
+        basis: scalar basis.
+        weights: combinations of scalar functions times directions, shape [fields, size, 3].
+        names: of the fields.
+        tools: as in ``Fields``.
+    """
+
+    basis: Tensor
+    weights: np.ndarray = field(repr=False)
+    names: tuple[str, ...] = field(repr=False)
+    tools: dict[str, np.ndarray] = field(repr=False)
+    material: bool = True
+    fixed: bool = True
+
+    @classmethod
+    def of(
+        cls, body: Body, measured: frozenset[str], spans: int = 2, degree: int = 2
+    ) -> "BoxFields":
+        """All fields that the faces of a body admit.
+
+        Args:
+            body: the specimen.
+            measured: tools whose force is known.
+            spans: elements per axis.
+            degree: of the splines.
+        """
+        a, b, c = (
+            Splines.uniform(low, high, spans, degree)
+            for low, high in zip(body.low, body.high, strict=True)
+        )
+        basis = Tensor((a, b, c))
+        free = np.ones((basis.size, 3), dtype=bool)
+        for face in body.faces:
+            free[np.ix_(_on(basis, face), np.array(_held(face), dtype=int))] = False
+        weights, names = [], []
+        for n, d in np.argwhere(free):
+            one = np.zeros((basis.size, 3))
+            one[n, d] = 1.0
+            weights.append(one)
+            names.append(f"{'xyz'[d]} at {_where(basis, n)}")
+        tools: dict[str, list[tuple[int, int]]] = {}
+        for face in body.faces:
+            if face.tool not in measured or face.condition not in ("bonded", "frictionless"):
+                continue
+            for d in _held(face):
+                tied = _on(basis, face) & ~_held_elsewhere(basis, body, face, d)
+                if tied.sum() == _on(basis, face).sum():
+                    one = np.zeros((basis.size, 3))
+                    one[tied, d] = 1.0
+                    tools.setdefault(face.tool, []).append((len(weights), d))
+                    weights.append(one)
+                    names.append(f"{'xyz'[d]} with {face.tool}")
+        at_tools = {}
+        for tool, rows in tools.items():
+            at_tools[tool] = np.zeros((len(weights), 3))
+            for row, d in rows:
+                at_tools[tool][row, d] = 1.0
+        return cls(basis, np.array(weights).reshape(-1, basis.size, 3), tuple(names), at_tools)
+
+    @property
+    def breaks(self) -> tuple[np.ndarray, ...]:
+        return tuple(a.breaks for a in self.basis.axes)
+
+    @cached_property
+    def _last(self) -> dict[bytes, Sampled]:
+        return {}
+
+    def at(self, frame: Frame) -> Sampled:
+        key = frame.X.tobytes()
+        if key not in self._last:
+            value, slope = self.basis.matrix(frame.X), self.basis.gradient(frame.X)
+            self._last.clear()
+            self._last[key] = Sampled(
+                np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
+                np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
+            )
+        return self._last[key]
+
+    def inside(self, boundary: np.ndarray) -> np.ndarray:
+        return np.ones(len(self.names), dtype=bool)
+
+
+def _on(basis: Tensor, face: Face) -> np.ndarray:
+    """Which scalar functions do not vanish on a face, shape [size]."""
+    shape = tuple(a.size for a in basis.axes)
+    index = np.indices(shape)[face.axis].ravel()
+    found: np.ndarray = index == (shape[face.axis] - 1 if face.side else 0)
+    return found
+
+
+def _held(face: Face) -> list[int]:
+    """Directions in which a face carries an unknown or a tool's force."""
+    if face.condition == "free":
+        return []
+    return [face.axis] if face.condition == "frictionless" else [0, 1, 2]
+
+
+def _held_elsewhere(basis: Tensor, body: Body, face: Face, d: int) -> np.ndarray:
+    """Functions of ``face`` that another face holds in direction ``d``."""
+    other = np.zeros(basis.size, dtype=bool)
+    for neighbour in body.faces:
+        if neighbour.axis != face.axis and d in _held(neighbour):
+            other |= _on(basis, neighbour)
+    return other
+
+
+def _where(basis: Tensor, n: int) -> str:
+    shape = tuple(a.size for a in basis.axes)
+    return " ".join(f"{i}/{s - 1}" for i, s in zip(np.unravel_index(n, shape), shape, strict=True))
+
+
+def smoothstep(s: np.ndarray, derivatives: int = 2) -> tuple[np.ndarray, ...]:
+    """Quintic from 0 to 1 over s in [0, 1], with its first derivatives."""
+    s = np.clip(s, 0.0, 1.0)
+    inside = (s > 0.0) & (s < 1.0)
+    found = (
+        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+        30.0 * s**2 * (1.0 - s) ** 2,
+        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+        60.0 * (1.0 - 6.0 * s + 6.0 * s**2) * inside,
+    )
+    return found[: derivatives + 1]
+
+
+@dataclass(frozen=True)
+class AxialFields:
+    """Divergence-free fields f(s) e_a - f'(s) (x_l - o_l) e_l: press, pull and stretch.
+
+    Each moves the loaded end along axis a and lets the body contract along the lateral axis l,
+    whose faces are free. f rises from 0 to 1 between ``ramps`` of the shortest length that the
+    body has along a. With sticking ends the ramps end inside the body.
+
+    Attributes:
+        axis: the loaded axis a.
+        origin: a point of the support face on the body's axis [m], shape [3].
+        length: shortest length of the body along the axis [m].
+        lateral: share of the contraction along every axis, shape [laterals, 3], each summing to 1.
+        ramps: where f starts and ends as shares of ``length``, shape [ramps, 2].
+        sign: +1 where the loaded face is the upper one, -1 else.
+        tool: the tool on the loaded face.
+        breaks: as in ``Fields``.
+        names: of the fields.
+    """
+
+    axis: int
+    origin: np.ndarray
+    length: float
+    lateral: np.ndarray
+    ramps: tuple[tuple[float, float], ...]
+    sign: int
+    tool: str
+    breaks: tuple[np.ndarray, ...]
+    material: bool = False
+    fixed: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(
+            f"{'xyz'[self.axis]} over {lo:g}-{hi:g}, contracting {_axes(share)}"
+            for share in self.lateral
+            for lo, hi in self.ramps
+        )
+
+    @property
+    def tools(self) -> dict[str, np.ndarray]:
+        end = np.zeros((len(self.lateral) * len(self.ramps), 3))
+        end[:, self.axis] = 1.0
+        return {self.tool: end}
+
+    def at(self, frame: Frame) -> Sampled:
+        x = frame.x
+        y = x - self.origin
+        s = self.sign * y[:, self.axis] / self.length
+        shape = (len(self.lateral), len(self.ramps), len(x))
+        value, gradient = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        for n, (lo, hi) in enumerate(self.ramps):
+            f, f1, f2 = smoothstep((s - lo) / (hi - lo))
+            scale = self.sign / (self.length * (hi - lo))
+            f1, f2 = f1 * scale, f2 * scale**2
+            value[:, n, :, self.axis] = f
+            gradient[:, n, :, self.axis, self.axis] = f1
+            for k, share in enumerate(self.lateral):
+                for a in np.flatnonzero(share):
+                    value[k, n, :, a] = -share[a] * f1 * y[:, a]
+                    gradient[k, n, :, a, a] = -share[a] * f1
+                    gradient[k, n, :, a, self.axis] = -share[a] * f2 * y[:, a]
+        flat = shape[0] * shape[1]
+        return Sampled(value.reshape(flat, -1, 3), gradient.reshape(flat, -1, 3, 3))
+
+    def inside(self, boundary: np.ndarray) -> np.ndarray:
+        return np.ones(len(self.names), dtype=bool)
+
+
+def _axes(share: np.ndarray) -> str:
+    return " and ".join("xyz"[a] for a in np.flatnonzero(share))

@@ -1,0 +1,59 @@
+"""Measured tool forces as right-hand sides c_j, with their noise (eq. 9 of the paper)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.records import Recording, Stream
+from form_drake.weak.windows import bump, trapezoid
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force of the material on a tool.
+
+    Attributes:
+        time: stamps from the first frame on [s], shape [samples].
+        value: f_T_W [N], shape [samples, 3].
+        noise: standard deviation of one component [N], stated or estimated.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    noise: float
+
+    def impulses(self, ends: np.ndarray) -> np.ndarray:
+        """Weights w with int chi f dt = w f, shape [windows, samples]."""
+        middle, half = ends.mean(axis=1)[:, None], 0.5 * np.diff(ends, axis=1)
+        found: np.ndarray = bump((self.time - middle) / half)[0] * trapezoid(self.time)
+        return found
+
+
+def jitter(stream: Stream) -> float:
+    """Noise of one component from fourth differences; the median, so that jolts do not count."""
+    if len(stream.time) < 12:
+        return 0.0
+    difference = np.diff(np.asarray(stream.value, dtype=float), n=4, axis=0)
+    square = np.sort(np.mean(difference**2, axis=1))
+    return float(np.sqrt(np.median(square) / 70.0 * 1.15))
+
+
+def measured(recording: Recording, first: float, last: float) -> dict[str, Force]:
+    """Forces of a recording on the clock of its frames.
+
+    Raises:
+        ValueError: the stamps of a force do not cover the frames.
+    """
+    found = {}
+    for name, stream in recording.forces.items():
+        time = np.asarray(stream.time, dtype=float) - recording.time[0]
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+        if time[0] > first + 1.5 * step or time[-1] < last - 1.5 * step:
+            start = recording.time[0]
+            raise ValueError(
+                f"force of {name} is stamped {time[0] + start:.4g} to {time[-1] + start:.4g} s, the"
+                f" frames {first + start:.4g} to {last + start:.4g} s: the clocks must overlap"
+            )
+        spread = jitter(stream) if stream.noise is None else stream.noise
+        found[name] = Force(time, np.asarray(stream.value, dtype=float), spread)
+    return found

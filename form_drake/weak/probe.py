@@ -1,0 +1,252 @@
+"""One probe made ready: its fitted motion, test fields, windows and forces; rows on demand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.laws import Law, Values
+from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
+from form_drake.motion.motion import inverse
+from form_drake.records import Recording
+from form_drake.weak.balance import Series, series
+from form_drake.weak.fields import Fields
+from form_drake.weak.force import Force, measured
+from form_drake.weak.noise import slopes, track_noise
+from form_drake.weak.reach import usable
+from form_drake.weak.release import released
+from form_drake.weak.stress import elastic_part, unit_stresses
+from form_drake.weak.system import Row, WeakSystem
+from form_drake.weak.windows import Windows, windows
+
+SAMPLES = 16  # fewest times in a window
+LOOKS = 6  # times in a window at which the noise is linearised
+# share of a row's variance that its linearisation misses: without it, rows that few independent
+# noises drive would be combined into ones that claim to hold no noise at all
+INEXACT = 0.03
+GAUSS = 3  # points along each axis of a cell
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What the rows of one recording are made of.
+
+    Attributes:
+        name: of the probe.
+        body: the specimen.
+        fit: of the tracks.
+        sampling: where it is evaluated.
+        fields: families of test fields.
+        windows: in time.
+        forces: measured, by tool.
+        gravity: [m/s^2], shape [3].
+        keep: which rows are used, windows outermost, shape [windows * fields].
+        released: traction-free material directions, see ``form_drake.weak.release``.
+    """
+
+    name: str
+    body: Body
+    fit: Fit
+    sampling: Sampling
+    fields: tuple[Fields, ...]
+    windows: Windows
+    forces: dict[str, Force]
+    gravity: np.ndarray
+    keep: np.ndarray
+    released: tuple[int, ...] = ()
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion of the fit."""
+        return self.sampling.motion(self.fit.c)
+
+    def rows(
+        self,
+        law: Law,
+        values: Values,
+        motion: Motion,
+        theta: np.ndarray,
+        push: dict[str, np.ndarray] | None = None,
+        *,
+        sized: bool = True,
+    ) -> WeakSystem:
+        """Rows of the balance at the constants ``values``, without covariance.
+
+        Args:
+            law: whose terms are the columns.
+            values: its constants; a plastic law's radius follows from them.
+            motion: of the body.
+            theta: coefficients for which the sizes of the rows are taken, and up to a factor the
+                stretches along traction-free directions.
+            push: noise added to the forces [N], by tool.
+            sized: whether to integrate the sizes; they are zero else.
+        """
+        if self.released:
+            motion = replace(motion, F=released(law, motion.F, values, theta, self.released))
+        T = self.stresses(law, values, motion)
+        parts = [self._family(f, motion, T, push or {}, sized) for f in self.fields]
+        A, b, sizes = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
+        labels = [
+            Row((float(a), float(z)), n, self.name)
+            for a, z in self.windows.ends
+            for f in self.fields
+            for n in f.names
+        ]
+        A, sizes = A.reshape(-1, len(T))[self.keep], sizes.reshape(-1, len(T))[self.keep]
+        rows = tuple(labels[n] for n in np.flatnonzero(self.keep))
+        return WeakSystem(A, b.ravel()[self.keep], np.abs(sizes * theta).sum(axis=1), sizes, rows)
+
+    def stresses(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
+        """Kirchhoff stress per unit, shape [terms, times, points, 3, 3]."""
+        elastic = elastic_part(law, motion.F, law.radius_vector(values))
+        return unit_stresses(law, elastic, motion.L, values, motion.pressure)
+
+    def _family(
+        self,
+        fields: Fields,
+        motion: Motion,
+        T: np.ndarray,
+        push: dict[str, np.ndarray],
+        sized: bool,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, b and sizes, shapes [windows, fields, ...]."""
+        found: Series = series(fields, motion, T, self.gravity)
+        chi, rate = self.windows.chi, self.windows.rate
+        A = np.einsum("wt,ktf->wfk", chi, found.stress, optimize=True)
+        b = chi @ (found.load + found.carried) + rate @ found.momentum
+        for tool, end in fields.tools.items():
+            force = self.forces[tool]
+            value = force.value + push.get(tool, 0.0)
+            b = b - (force.impulses(self.windows.ends) @ value) @ end.T
+        return A, b, self._sizes(fields, motion, T) if sized else np.zeros_like(A)
+
+    def _sizes(self, fields: Fields, motion: Motion, T: np.ndarray) -> np.ndarray:
+        """Integral of V |T_k| |grad psi| over each window, shape [windows, fields, terms]."""
+        looks = np.unique(np.linspace(0, len(motion.time) - 1, 24).astype(int))
+        S = T[:, looks]
+        if fields.material:
+            S = S @ motion.inverse[looks].swapaxes(-1, -2)
+        size = motion.volume * np.sqrt(np.sum(S**2, axis=(-1, -2)))
+        strength = []
+        for i in looks[:1] if fields.fixed else looks:
+            gradient = fields.at(motion.frame(int(i))).gradient
+            strength.append(np.sqrt(np.sum(gradient**2, axis=(-1, -2))))
+        many = np.broadcast_to(np.array(strength), (len(looks), *strength[0].shape))
+        work = np.einsum("ktq,tfq->tfk", size, many, optimize=True)
+        chi = self.windows.chi
+        nearest = np.abs(motion.time[:, None] - motion.time[looks]).argmin(axis=1)
+        share = np.stack([chi[:, nearest == n].sum(axis=1) for n in range(len(looks))], axis=1)
+        found: np.ndarray = np.einsum("wt,tfk->wfk", share, work)
+        return found
+
+    def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
+        """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``."""
+        motion = self.motion
+        elastic = elastic_part(law, motion.F, law.radius_vector(values))
+        if law.flow == "plastic":
+            before = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), elastic[:-1]])
+            last = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), motion.F[:-1]])
+            unload = inverse(last) @ before
+
+        def stress(F: np.ndarray, L: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            F = released(law, F, values, theta, self.released)
+            paired = F
+            if law.flow == "plastic":
+                trial = F @ unload[at]
+                flat = trial.reshape(1, -1, 3, 3)
+                F = elastic_part(law, flat, law.radius_vector(values)).reshape(F.shape)
+            p = None if motion.pressure is None else motion.pressure[at]
+            T = unit_stresses(law, F, L, values, p)
+            return np.tensordot(theta, T, axes=1), paired
+
+        width = float(np.diff(self.windows.ends, axis=1).min())
+        step = float(np.median(np.diff(motion.time)))
+        every = max(1, int(width / step / LOOKS))
+        at = np.arange(0, len(motion.time), every)
+        rates = "rate" in law.needs
+        families = [slopes(f, motion, at, stress, self.gravity, rates) for f in self.fields]
+        total = track_noise(self.fit, self.sampling, families, every, self.windows)
+        total = (total + self._force_noise())[np.ix_(self.keep, self.keep)]
+        found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
+        return found
+
+    def _force_noise(self) -> np.ndarray:
+        counts = [len(f.names) for f in self.fields]
+        m, W = sum(counts), len(self.windows)
+        total = np.zeros((W, m, W, m))
+        for tool, force in self.forces.items():
+            ends = np.concatenate(
+                [
+                    f.tools.get(tool, np.zeros((n, 3)))
+                    for f, n in zip(self.fields, counts, strict=True)
+                ]
+            )
+            weights = force.impulses(self.windows.ends)
+            total += force.noise**2 * np.einsum("wu,fg->wfug", weights @ weights.T, ends @ ends.T)
+        return total.reshape(W * m, W * m)
+
+    def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Noise of the coefficients [m] and of the forces [N]."""
+        push = {k: f.noise * rng.standard_normal(f.value.shape) for k, f in self.forces.items()}
+        return self.fit.draw(rng), push
+
+
+def prepared(
+    recording: Recording,
+    name: str,
+    fields: Sequence[Fields],
+    ends: np.ndarray,
+    shape: Body,
+    fit: Fit,
+    free: tuple[int, ...] = (),
+) -> Probe:
+    """A probe from a recording, its body and fit, test fields and the ends of its windows [s].
+
+    ``free`` are its traction-free directions.
+    """
+    last = float(recording.time[-1] - recording.time[0])
+    frame, width = float(np.median(np.diff(recording.time))), float(np.diff(ends, axis=1).min())
+    step = frame / np.ceil(SAMPLES * frame / width)
+    time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
+    X, volume = shape.gauss(_cells(fit, fields), GAUSS)
+    sampling = Sampling.of(fit, time, X, volume, shape.density)
+    sampling = replace(
+        sampling,
+        hessian=None if all(f.fixed or not f.material for f in fields) else fit.space.hessian(X),
+        pressure=supplied(recording, recording.pressure, fit, time, X),
+        body_force=supplied(recording, recording.body_force, fit, time, X),
+    )
+    gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
+    return Probe(
+        name,
+        shape,
+        fit,
+        sampling,
+        tuple(fields),
+        windows(time, ends),
+        measured(recording, 0.0, last),
+        gravity,
+        usable(shape, fit, fields, ends),
+        free,
+    )
+
+
+def _cells(fit: Fit, fields: Sequence[Fields]) -> list[np.ndarray]:
+    """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
+    found = []
+    for a, axis in enumerate(fit.space.axes):
+        ends = [axis.breaks, *(f.breaks[a] for f in fields)]
+        every = np.sort(np.concatenate(ends))
+        apart = np.append(True, np.diff(every) > 1e-6 * (every[-1] - every[0]))
+        found.append(every[apart])
+    return found
+
+
+def probe_body(recording: Recording) -> tuple[Body, Fit]:
+    """The body that a recording states and the motion fitted to its tracks."""
+    shape = body(recording)
+    return shape, fit_tracks(recording, shape)
+
+
+__all__ = ["Probe", "prepared", "probe_body"]

@@ -1,0 +1,63 @@
+"""Traction-free directions: lateral stretches that the law itself chooses, not the tracks.
+
+Where a specimen is thin across some material directions, the normal stress along them vanishes to
+the slenderness. The measured stretches there carry noise and nothing else, so they are replaced:
+F' = F diag(s) with e . F'^T P(F') e = 0 for every such direction e (fibre: two, plane stress: one).
+"""
+
+import numpy as np
+
+from form_drake.laws import Law, Values
+from form_drake.weak.stress import unit_stresses
+
+ROUNDS = 12
+STEP = 1e-6
+CLOSE = 1e-7  # of the stretches
+LOST = 1e-3  # share of points, far outside what the tracks cover, that may not converge
+
+
+def released(
+    law: Law, F: np.ndarray, values: Values, theta: np.ndarray, axes: tuple[int, ...]
+) -> np.ndarray:
+    """F with the stretches along traction-free material directions set by the law.
+
+    Args:
+        law: whose stress vanishes there.
+        F: deformation gradients, shape [..., 3, 3].
+        values: constants of the law.
+        theta: coefficients of its terms up to a common factor, shape [terms].
+        axes: the traction-free directions in stress-free coordinates.
+
+    Raises:
+        ValueError: no stretches are found.
+    """
+    if not axes:
+        return F
+    still = np.zeros_like(F)
+    stretch = np.ones((*F.shape[:-2], 3))
+
+    def normal(s: np.ndarray) -> np.ndarray:
+        G = F * s[..., None, :]
+        T = np.tensordot(theta, unit_stresses(law, G, still, values), axes=1)
+        # e . F^-1 tau F^-T e for Kirchhoff tau: the second Piola stress along e
+        inverse = np.linalg.inv(G)
+        S = inverse @ T @ inverse.swapaxes(-1, -2)
+        return np.stack([S[..., a, a] for a in axes], axis=-1)
+
+    for _ in range(ROUNDS):
+        now = normal(stretch)
+        slope = np.empty((*now.shape, len(axes)))
+        for n, a in enumerate(axes):
+            moved = stretch.copy()
+            moved[..., a] += STEP
+            slope[..., n] = (normal(moved) - now) / STEP
+        change = np.linalg.solve(slope, -now[..., None])[..., 0]
+        change = np.nan_to_num(np.clip(change, -0.2, 0.2))
+        for n, a in enumerate(axes):
+            stretch[..., a] += change[..., n]
+        if np.mean(np.abs(change) > CLOSE) <= LOST:
+            break
+    else:
+        raise ValueError("traction-free directions: no lateral stretches balance the stress")
+    found: np.ndarray = F * stretch[..., None, :]
+    return found

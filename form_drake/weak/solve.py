@@ -1,0 +1,130 @@
+"""Generalised least squares with a model error, and what the rows cannot tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+
+Blocks = Sequence[np.ndarray]
+LEAST_ERROR = 1e-7  # of a row's size: what interpolation and quadrature always leave
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Inverse covariance of the rows, and the model error in it.
+
+    Attributes:
+        factors: Cholesky factors of the covariance of each probe's rows, probes being independent.
+        error: model error as a share of the size of each row.
+    """
+
+    factors: tuple[np.ndarray, ...]
+    error: float
+
+    def white(self, a: np.ndarray) -> np.ndarray:
+        """a in units of the standard deviation of independent rows."""
+        ends = np.cumsum([0, *map(len, self.factors)])
+        return np.concatenate(
+            [
+                solve_triangular(f, a[i:j], lower=True)
+                for f, i, j in zip(self.factors, ends[:-1], ends[1:], strict=True)
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Solution of A theta = b.
+
+    Attributes:
+        theta: shape [columns].
+        covariance: shape [columns, columns].
+        residual: b - A theta [N m s], shape [rows].
+        condition: of the whitened columns scaled to unit length.
+        effective: number of independent equations that the rows amount to.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    residual: np.ndarray
+    condition: float
+    effective: float
+
+
+def weights(noise: Blocks, scale: np.ndarray, error: float) -> Weights:
+    """Weights for rows with noise and a model error.
+
+    Args:
+        noise: covariance of each probe's rows [(N m s)^2].
+        scale: size of each row [N m s].
+        error: model error as a share of the size.
+    """
+    share = max(error, LEAST_ERROR)
+    factors = (np.linalg.cholesky(block) for block in totals(noise, scale, share))
+    return Weights(tuple(factors), share)
+
+
+def totals(noise: Blocks, scale: np.ndarray, error: float) -> list[np.ndarray]:
+    """Covariance of noise and model error together, probe by probe."""
+    own = np.split((error * scale) ** 2, np.cumsum([len(n) for n in noise])[:-1])
+    return [n + np.diag(o) for n, o in zip(noise, own, strict=True)]
+
+
+def balanced(noise: Blocks, scale: np.ndarray, A: np.ndarray, b: np.ndarray) -> Weights:
+    """Weights whose model error makes the residual as large as its covariance says.
+
+    Zero where the noise alone explains the residual.
+    """
+
+    def excess(error: float) -> float:
+        found = weights(noise, scale, error)
+        r = found.white(b - A @ solved(A, b, found).theta)
+        return float(r @ r) - (len(b) - A.shape[1])
+
+    if excess(LEAST_ERROR) <= 0.0:
+        return weights(noise, scale, 0.0)
+    low, high = np.log(LEAST_ERROR), 0.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(float(np.exp(middle))) > 0.0 else (low, middle)
+    return weights(noise, scale, float(np.exp(high)))
+
+
+def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
+    """Generalised least squares with the given weights."""
+    white, target = by.white(A), by.white(b)
+    length = np.linalg.norm(white, axis=0)
+    safe = np.where(length > 0, length, 1.0)
+    U, s, Vt = np.linalg.svd(white / safe, full_matrices=False)
+    s = np.maximum(s, 1e-12 * max(s[0], 1e-300))
+    theta = (Vt.T @ ((U.T @ target) / s)) / safe
+    covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
+    return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(by, U))
+
+
+def _effective(by: Weights, U: np.ndarray) -> float:
+    """Rows that carry the answer: inverse participation of the projection on the columns."""
+    share = np.sum(U**2, axis=1) / U.shape[1]
+    return float(1.0 / np.sum(share**2))
+
+
+def ordinary(A: np.ndarray, b: np.ndarray, covariance: Blocks) -> Solution:
+    """Ordinary least squares, with the covariance that the noise of the rows gives it."""
+    found = solved(A, b, Weights(tuple(np.eye(len(n)) for n in covariance), 0.0))
+    parts = np.split(np.linalg.pinv(A), np.cumsum([len(n) for n in covariance])[:-1], axis=1)
+    own = sum(p @ n @ p.T for p, n in zip(parts, covariance, strict=True))
+    return replace(found, covariance=np.asarray(own))
+
+
+def bounded(A: np.ndarray, b: np.ndarray, by: Weights, floors: np.ndarray) -> Solution:
+    """``solved`` with theta >= floors; a coefficient at its floor keeps the free covariance."""
+    free = solved(A, b, by)
+    if np.all(free.theta >= floors):
+        return free
+    white, target = by.white(A), by.white(b)
+    length = np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+    limits = (floors * length, np.full(len(floors), np.inf))
+    theta = lsq_linear(white / length, target, bounds=limits, method="bvls").x / length
+    return replace(free, theta=theta, residual=b - A @ theta)

@@ -1,0 +1,125 @@
+"""Stress of every term of a law along a motion, and the elastic strain that plastic flow leaves."""
+
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from form_drake.laws import Law, Values
+from form_drake.laws.kernels import flow, point, strain, types, yield_measures
+
+PRECISION, DECOMPOSITION = "float64", "series"
+
+
+@cache
+def _pointwise(law: Law):
+    """Kernel (F, L, kappa, supplied pressure, s) -> T[k, point], Kirchhoff stress per unit."""
+    t, make = types(PRECISION), point(law, DECOMPOSITION, PRECISION)
+    measure = strain(law, DECOMPOSITION, PRECISION)
+    functions = tuple(term.response for term in law.terms)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        F: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        kappa: t.real,
+        p: wp.array(dtype=t.real),
+        s: t.vec4,
+        out: wp.array2d(dtype=t.mat),
+    ):
+        i = wp.tid()
+        q = make(F[i], measure(F[i]), L[i], kappa)
+        if p.shape[0] > 0:
+            q.p = p[i]
+        for k in range(wp.static(len(functions))):
+            out[k, i] = wp.static(functions[k])(q, s)
+
+    return kernel
+
+
+@cache
+def _history(law: Law):
+    """Kernel (F[time, point], r) -> elastic F[time, point], from the stress-free state on."""
+    t, keep = types(PRECISION), flow(law, DECOMPOSITION, PRECISION)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(F: wp.array2d(dtype=t.mat), r: t.vec4, out: wp.array2d(dtype=t.mat)):
+        i = wp.tid()
+        start, _e = keep(F[0, i], r)
+        out[0, i] = start
+        for n in range(1, F.shape[0]):
+            new, _e = keep(F[n, i] * wp.inverse(F[n - 1, i]) * out[n - 1, i], r)
+            out[n, i] = new
+
+    return kernel
+
+
+def unit_stresses(
+    law: Law, F: np.ndarray, L: np.ndarray, values: Values, pressure: np.ndarray | None = None
+) -> np.ndarray:
+    """Kirchhoff stress per unit of each term.
+
+    Args:
+        law: whose terms.
+        F: elastic deformation gradients, shape [..., 3, 3].
+        L: velocity gradients [1/s], shape [..., 3, 3].
+        values: the constants of the law and, where it reads pressure, ``kappa``.
+        pressure: supplied Cauchy pressure [Pa], shape [...]; None: the law's own.
+
+    Returns:
+        shape [terms, ..., 3, 3].
+    """
+    t, shape = types(PRECISION), F.shape[:-2]
+    n = int(np.prod(shape))
+    out = wp.empty((len(law.terms), n), dtype=t.mat, device="cpu")
+    p = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, dtype=float).ravel()
+    kappa, s = t.real(values.get("kappa", 0.0)), t.vec4(*law.shape_vector(values))
+    inputs = [_matrices(F), _matrices(L), kappa, wp.array(p, dtype=t.real, device="cpu"), s, out]
+    wp.launch(_pointwise(law), dim=n, inputs=inputs, device="cpu")
+    return out.numpy().reshape(len(law.terms), *shape, 3, 3).copy()
+
+
+def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Elastic deformation gradients along a motion from the stress-free state.
+
+    Args:
+        law: whose flow; an elastic one returns F.
+        F: total deformation gradients, shape [times, points, 3, 3].
+        r: constants of the law's radius, shape [4].
+    """
+    if law.flow != "plastic":
+        return F
+    t = types(PRECISION)
+    total = wp.array(np.ascontiguousarray(F), dtype=t.mat, device="cpu")
+    out = wp.empty(F.shape[:2], dtype=t.mat, device="cpu")
+    wp.launch(_history(law), dim=F.shape[1], inputs=[total, t.vec4(*r), out], device="cpu")
+    return out.numpy().copy()
+
+
+def strain_over_radius(law: Law, F: np.ndarray) -> np.ndarray:
+    """|dev e| in units of the law's radius at r = 1; zero where that radius is none, shape [...]."""
+    t, shape = types(PRECISION), F.shape[:-2]
+    out = wp.empty(int(np.prod(shape)), dtype=t.vec3, device="cpu")
+    kernel = yield_measures(law, DECOMPOSITION, PRECISION)
+    inputs = [_matrices(F), t.vec4(1.0, 0.0, 0.0, 0.0), out]
+    wp.launch(kernel, dim=len(out), inputs=inputs, device="cpu")
+    size, radius = out.numpy()[:, 0], out.numpy()[:, 1]
+    found = np.where(radius > 0.0, size / np.where(radius > 0.0, radius, 1.0), 0.0)
+    return np.asarray(found.reshape(shape))
+
+
+def _matrices(a: np.ndarray):
+    flat = np.ascontiguousarray(a, dtype=float).reshape(-1, 3, 3)
+    return wp.array(flat, dtype=types(PRECISION).mat, device="cpu")
+
+
+@cache
+def volumetric(law: Law) -> tuple[bool, ...]:
+    """Which terms are pure pressures: tests without divergence cannot see them."""
+    rng = np.random.default_rng(0)
+    F = np.eye(3) + 0.1 * rng.standard_normal((8, 3, 3))
+    values = {k: 1.0 for k in law.keys}
+    T = unit_stresses(law, F, rng.standard_normal((8, 3, 3)), values, np.ones(8))
+    shear = T - np.trace(T, axis1=2, axis2=3)[:, :, None, None] / 3.0 * np.eye(3)
+    small = 1e-9 * np.abs(T).max(axis=(1, 2, 3))
+    return tuple(bool(v) for v in np.abs(shear).max(axis=(1, 2, 3)) <= small)

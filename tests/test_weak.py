@@ -1,0 +1,228 @@
+"""The weak momentum balance: exact motions that no solver of the package made, and refusals."""
+
+import sys
+from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from form_drake import Recording, Stream, Unidentifiable, identify
+from form_drake.identify import WeakOptions
+from form_drake.laws import law_named
+from form_drake.motion import Sampling, body, fit_tracks
+from form_drake.weak.balance import series
+from form_drake.weak.curl import CurlFields
+from form_drake.weak.windows import bump, even, windows
+
+ORACLES = Path(__file__).parent / "oracles"
+
+
+def oracle(name):
+    """A module of ``tests/oracles``, whose files import each other by name."""
+    sys.path.insert(0, str(ORACLES))
+    try:
+        spec = spec_from_file_location(name, ORACLES / f"{name}.py")
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(ORACLES))
+    return module
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return oracle("exact_motion")
+
+
+def recording(exact, case, seed=0, **changes):
+    """The recording of an exact motion, and the true parameters."""
+    arrays, facts, truth = exact.make(case, seed)
+    plain = ("p_reference", "gravity", "body_force", "pressure")
+    tools = [k[6:-5] for k in arrays if k.startswith("force_") and k.endswith("_time")]
+    forces = {t: Stream(arrays[f"force_{t}_time"], arrays[f"force_{t}_value"]) for t in tools}
+    fields = {k: arrays[k] for k in plain if k in arrays}
+    fields |= {"density": float(arrays["density"]), "forces": forces}
+    fields |= {k: facts[k] for k in ("geometry", "contact", "law", "known")}
+    made = Recording.from_arrays(arrays["time"], arrays["p_WQ"], **{**fields, **changes})
+    return made, truth
+
+
+def errors(answer, truth):
+    return {k: abs(answer.material.values[k] / v - 1.0) for k, v in truth.items()}
+
+
+# --- windows and fields ---------------------------------------------------------------------------
+def test_windows_let_no_position_or_speed_in():
+    time = np.sort(np.random.default_rng(0).uniform(0.0, 1.0, 80))
+    found = windows(time, even(time[0], time[-1], 0.4, 0.2))
+    np.testing.assert_allclose(found.rate @ np.ones(80), 0.0, atol=1e-12)
+    # a momentum that grows at a steady rate is balanced by a steady force
+    np.testing.assert_allclose(found.rate @ time, -found.chi.sum(axis=1), rtol=1e-12)
+
+
+def test_bump_vanishes_with_its_slope_at_both_ends():
+    value, slope = bump(np.array([-1.0, 0.0, 1.0, 2.0]))
+    np.testing.assert_array_equal(value, [0.0, 1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(slope, 0.0)
+
+
+def test_every_pressure_cancels_against_curls(exact):
+    made, _ = recording(exact, "neo-hookean")
+    shape = body(made)
+    fit = fit_tracks(made, shape)
+    fields = CurlFields.of(shape)
+    X, volume = shape.gauss(fields.breaks, 4)
+    sampling = Sampling.of(fit, np.linspace(0.1, 0.3, 3), X, volume, 1000.0)
+    motion = replace(sampling, hessian=fit.space.hessian(X)).motion(fit.c)
+    # field by field and point by point, not only after integration
+    sampled = fields.at(motion.frame(1))
+    along_x = sampled.gradient @ motion.inverse[1]
+    size = np.abs(along_x).max()
+    np.testing.assert_allclose(np.trace(along_x, axis1=2, axis2=3), 0.0, atol=1e-12 * size)
+    p = np.random.default_rng(0).standard_normal(motion.J.shape)  # as rough as can be
+    pressure = (p * motion.J)[None, ..., None, None] * np.eye(3)
+    rows = series(fields, motion, pressure, np.zeros(3)).stress
+    scale = np.sum(volume * np.abs(pressure[0, 0, :, 0, 0])) * size
+    np.testing.assert_allclose(rows, 0.0, atol=1e-12 * scale)
+
+
+# --- exact motions --------------------------------------------------------------------------------
+HOMOGENEOUS = ("mooney-rivlin", "yeoh", "gent")
+INSIDE = (
+    "neo-hookean",
+    "fixed-corotated",
+    "von-mises",
+    "weakly-compressible",
+    "newtonian",
+    "bingham",
+)
+
+
+@pytest.mark.parametrize("law", INSIDE)
+def test_motion_inside_gives_the_law(exact, law):
+    made, truth = recording(exact, law)
+    answer = identify(made, weak=WeakOptions(draws=1))
+    assert answer.method == "weak"
+    assert max(errors(answer, truth).values()) < 5e-3
+
+
+@pytest.mark.parametrize("law", HOMOGENEOUS)
+def test_homogeneous_stretches_and_forces_give_the_law(exact, law):
+    made, truth = recording(exact, f"{law}-uniaxial")
+    answer = identify(made, weak=WeakOptions(draws=0))
+    assert max(errors(answer, truth).values()) < 1e-4
+    assert answer.observed == "tracks and force"
+
+
+@pytest.mark.parametrize("law", HOMOGENEOUS)
+def test_homogeneous_stretches_alone_give_nothing(exact, law):
+    made, truth = recording(exact, f"{law}-uniaxial", forces={}, contact={})
+    with pytest.raises(Unidentifiable) as caught:
+        identify(made)
+    assert set(caught.value.keys) == set(truth)
+
+
+def test_three_inclinations_give_the_granular_law_and_one_does_not(exact):
+    made = [recording(exact, f"mu-i-{n}") for n in (1, 2, 3)]
+    answer = identify([r for r, _ in made], weak=WeakOptions(draws=0))
+    assert max(errors(answer, made[0][1]).values()) < 5e-3
+    with pytest.raises(Unidentifiable, match="inclinations") as caught:
+        identify(made[0][0])
+    assert set(caught.value.keys) == {"mu_s", "delta_mu", "I_0"}
+
+
+def test_known_nu_ties_the_moduli(exact):
+    made, truth = recording(exact, "fixed-corotated")
+    mu, lam = truth["mu"], truth["lam"]
+    answer = identify(made, known={"nu": lam / (2 * (lam + mu))}, weak=WeakOptions(draws=0))
+    assert max(errors(answer, truth).values()) < 3e-3
+    assert np.linalg.matrix_rank(answer.material.covariance, tol=1e-9) == 1
+
+
+def test_ordinary_least_squares_is_there(exact):
+    made, truth = recording(exact, "neo-hookean")
+    answer = identify(made, weak=WeakOptions(estimator="ols"))
+    assert answer.details["estimator"] == "ols"
+    assert max(errors(answer, truth).values()) < 2e-2
+
+
+def test_a_sum_of_laws_keeps_the_one_that_acts(exact):
+    made, truth = recording(exact, "yeoh-uniaxial")
+    answer = identify(made, "yeoh+mooney-rivlin", weak=WeakOptions(draws=0))
+    law = law_named("yeoh+mooney-rivlin")
+    assert answer.material.values["C1"] == pytest.approx(truth["C1"], rel=1e-3)
+    assert abs(answer.material.values["C01"]) < 1e-3 * truth["C1"]
+    assert law.keys == ("C1", "C2", "C3", "kappa", "C01")
+
+
+def test_error_bars_are_as_wide_as_the_errors(exact):
+    made, truth = recording(exact, "yeoh-uniaxial")
+    rng = np.random.default_rng(1)
+    move = np.sqrt(np.mean((made.p_WQ - made.reference) ** 2))
+    pulls = []
+    for _ in range(6):
+        forces = {
+            k: Stream(
+                s.time, s.value + 0.01 * np.abs(s.value).max() * rng.normal(size=s.value.shape)
+            )
+            for k, s in made.forces.items()
+        }
+        p_WQ = made.p_WQ + 0.01 * move * rng.normal(size=made.p_WQ.shape)
+        answer = identify(replace(made, p_WQ=p_WQ, forces=forces), weak=WeakOptions(draws=2))
+        std = np.sqrt(np.diag(answer.material.covariance))
+        found = np.array([answer.material.values[k] for k in answer.material.keys])
+        true = np.array([truth[k] for k in answer.material.keys])
+        pulls.append((found - true) / std)
+        assert abs(answer.material.values["kappa"] / truth["kappa"] - 1) < 0.03
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.5
+
+
+# --- refusals -------------------------------------------------------------------------------------
+def test_lost_points_and_uneven_stamps_are_taken(exact):
+    made, truth = recording(exact, "yeoh-uniaxial")
+    rng = np.random.default_rng(0)
+    frames = np.sort(rng.choice(made.frames, 45, replace=False))
+    valid = rng.uniform(size=(45, made.points)) > 0.1
+    p_WQ = np.where(valid[:, :, None], made.p_WQ[frames], np.nan)
+    thin = replace(made, time=made.time[frames], p_WQ=p_WQ, valid=valid)
+    answer = identify(thin, weak=WeakOptions(draws=0))
+    assert max(errors(answer, truth).values()) < 2e-2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: {"p_WQ": r.p_WQ[:, :6], "p_reference": r.reference[:6]}, "6 points"),
+        (lambda r: {"p_WQ": r.p_WQ * [1, 1, 0], "p_reference": r.reference * [1, 1, 0]}, "plane"),
+        (lambda r: {"p_WQ": 1e3 * r.p_WQ, "p_reference": 1e3 * r.reference}, "millimetres"),
+        (lambda r: {"geometry": {}}, "low and high"),
+        (lambda r: {"density": None}, "density"),
+        (lambda r: {"contact": {"x+": "glued"}}, "allowed are free"),
+        (
+            lambda r: {"forces": {k: Stream(s.time + 9, s.value) for k, s in r.forces.items()}},
+            "clocks must overlap",
+        ),
+    ],
+)
+def test_bad_recordings_are_refused_in_one_line(exact, change, words):
+    made, _ = recording(exact, "yeoh-uniaxial")
+    with pytest.raises(ValueError, match=words) as caught:
+        identify(replace(made, **change(made)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (WeakOptions(window=5.0), "longer than the recording"),
+        (WeakOptions(window=-1.0), "positive width"),
+        (WeakOptions(fields=("round",)), "choose from box, axial"),
+        (WeakOptions(fields=("bend",)), "they need a touched face"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(exact, options, words):
+    made, _ = recording(exact, "yeoh-uniaxial")
+    with pytest.raises(ValueError, match=words):
+        identify(made, weak=options)
