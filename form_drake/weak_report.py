@@ -71,12 +71,12 @@ class ProbeRows:
     @cached_property
     def pushed(self) -> np.ndarray:
         """Which test fields a measured tool works on, shape [fields]."""
-        families = [
-            np.any([np.any(t != 0.0, axis=1) for t in f.tools.values()], axis=0)
-            if f.tools
-            else np.zeros(len(f.names), dtype=bool)
-            for f in self.probe.fields
-        ]
+        families = []
+        for f in self.probe.fields:
+            own = np.zeros(len(f.names), dtype=bool)
+            for psi in f.acting(self.probe.motion).values():
+                own |= np.any(psi != 0.0, axis=(0, 2))
+            families.append(own)
         found: np.ndarray = np.concatenate(families)
         return found
 

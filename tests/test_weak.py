@@ -1,5 +1,7 @@
 """The weak momentum balance: exact motions that no solver of the package made, and refusals."""
 
+import json
+import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
@@ -226,3 +228,38 @@ def test_bad_options_are_refused_in_one_line(exact, options, words):
     made, _ = recording(exact, "yeoh-uniaxial")
     with pytest.raises(ValueError, match=words):
         identify(made, weak=options)
+
+
+# --- a bent strip ---------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def strip(tmp_path_factory):
+    """A strip bent by a pusher, from the finite element oracle's coarse mesh, nu stated."""
+    folder, case = tmp_path_factory.mktemp("strip"), "bend-touching-a"
+    command = [sys.executable, str(ORACLES / "finite_elements.py"), case, "--mesh", "coarse"]
+    subprocess.run([*command, "--out", str(folder)], check=True, timeout=300)
+    arrays = np.load(folder / f"{case}.npz")
+    truth = json.loads((folder / f"{case}.truth.json").read_text())
+
+    def stream(kind):
+        return {"pusher": Stream(arrays[f"{kind}_pusher_time"], arrays[f"{kind}_pusher_value"])}
+
+    made = Recording.from_arrays(
+        arrays["time"],
+        arrays["p_WQ"],
+        p_reference=arrays["p_reference"],
+        density=float(arrays["density"]),
+        geometry={"shape": "box", "low": "-0.006 -0.002 0", "high": "0.006 0.002 0.085"},
+        contact={"z+": "bonded clamp", "x+": "touched pusher", "other": "free"},
+        poses=stream("pose"),
+        forces=stream("force"),
+        law="fixed-corotated",
+        known={"nu": truth["nu"]},
+    )
+    return made, truth
+
+
+def test_a_bent_strip_gives_its_stiffness(strip):
+    made, truth = strip
+    answer = identify(made, weak=WeakOptions(draws=0))
+    assert answer.material.parameters()["E"].value == pytest.approx(truth["E"], rel=5e-3)
+    assert all("bend" in name for name in answer.details["probes"][0]["fields"])

@@ -17,7 +17,7 @@ import numpy as np
 
 from form_drake.identify import WeakOptions
 from form_drake.laws import Law, Values
-from form_drake.motion import Frame
+from form_drake.motion import Frame, Motion
 from form_drake.records import Recording, Stream
 from form_drake.weak.fields import Sampled
 from form_drake.weak.stress import unit_stresses
@@ -207,10 +207,15 @@ class Homogeneous:
     breaks = (np.array([0.0, SIDE]),) * 3
 
     @property
-    def tools(self) -> dict[str, np.ndarray]:
-        """Value at the tools."""
+    def tools(self) -> tuple[str, ...]:
+        """Tools of the test."""
+        return tuple(MODES[self.curve.mode].shares)
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
+        """Value at the tools, shape [times, 1, 3]."""
         shares = MODES[self.curve.mode].shares
-        return {tool: self.weight * share[None] for tool, share in shares.items()}
+        times = len(motion.time)
+        return {k: np.tile(self.weight * share, (times, 1, 1)) for k, share in shares.items()}
 
     @cached_property
     def _moments(self) -> dict[float, tuple[np.ndarray, float]]:

@@ -239,16 +239,16 @@ def _stated(file: str, law: str, cell: str, *, turned: bool) -> list[dict[str, A
 
 # --- as a table ---------------------------------------------------------------------------------
 def table(result: dict[str, Any]) -> str:
-    """The fits as a plain table; ``*`` marks a mode that was held out."""
+    """The fits as a plain table; ``*`` marks a mode that was held out, with its deviation."""
     lines = []
     for file, verdict in result["chosen"].items():
         fits = [f for f in result["fits"] if f["file"] == file]
         modes = tuple(dict.fromkeys(m for f in fits for m in f["fitted"]))
-        head = "".join(f"{m:>15}" for m in modes)
+        head = "".join(f"{m:>22}" for m in modes)
         lines += [f"{file}: stress RMS in % of the mode's largest stress", f"{'law':24}{head}"]
         for fit in fits:
             stated = _published(result["reference"], fit)
-            cells = "".join(f"{_cell(fit, stated, m):>15}" for m in modes)
+            cells = "".join(f"{_cell(fit, stated, m):>22}" for m in modes)
             lines.append(
                 f"{fit['law']:24}{cells if not fit['refused'] else '  refused: ' + _short(fit)}"
             )
@@ -268,7 +268,7 @@ def _published(stated: list[dict[str, Any]], fit: dict[str, Any]) -> dict[str, f
 def _cell(fit: dict[str, Any], stated: dict[str, float], mode: str) -> str:
     if mode not in fit["rms_percent"]:
         return ""
-    mark = "" if mode in fit["fitted"] else "*"
+    mark = "" if mode in fit["fitted"] else f" ± {fit['rms_std'][mode]:.1f}*"
     beside = f" ({stated[mode]:.1f})" if mode in stated else ""
     return f"{fit['rms_percent'][mode]:.1f}{mark}{beside}"
 

@@ -26,7 +26,9 @@ LADDER = (
 CLIMBS = (*np.eye(3, dtype=int), *(2 * np.eye(3, dtype=int)), np.ones(3, dtype=int))
 TIME_DEGREE = 4
 GAIN = 0.97  # a larger basis must lower the held-out error to this share
-LARGEST = 0.4  # functions for each track
+RIDGE = 1e-8  # weight of the roughness against the mean square misfit
+KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
+LARGEST = 0.6  # functions for each track
 LOOKS = 12  # frames by which spatial bases are compared
 PASSES = 30  # of filling points that are missing from some frames
 
@@ -85,8 +87,8 @@ def fit_tracks(recording: Recording, body: Body) -> Fit:
     """
     X, u, valid, time = _tracks(recording, body)
     space = _chosen_space(X, u, valid, body)
-    u = _filled(u, valid, space.matrix(X))
-    c, root = _projected(space.matrix(X), u, valid)
+    u = _filled(space, X, u, valid)
+    c, root = _projected(space, X, u, valid)
     rest = u - space.matrix(X) @ c
     freedom = 1.0 - space.size / valid.any(axis=0).sum()
     spread = float(np.sqrt(np.mean(rest[valid] ** 2) / max(freedom, 1e-3)))
@@ -100,7 +102,7 @@ def fit_tracks(recording: Recording, body: Body) -> Fit:
     left = u - space.matrix(X) @ np.einsum("aib,tb->tai", c_ab, B, optimize=True)
     count = valid.sum() * (1.0 - space.size * splines.size / (len(X) * len(time)))
     misfit = float(np.sqrt(np.sum(left[valid] ** 2) / 3.0 / max(count, 1.0)))
-    held = _press(space.matrix(X), u, valid)
+    held = _press(space, X, u, valid)
     noise = min(misfit, jitter) if stated is None else stated
     return Fit(space, splines, c_ab, noise, misfit, held, root, time_root)
 
@@ -145,22 +147,32 @@ def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
         )
 
 
+def _normal(Phi: np.ndarray, space: Tensor, weight: np.ndarray | None = None) -> np.ndarray:
+    """Normal matrix of a spatial fit with the roughness that settles what no track tells."""
+    own = Phi if weight is None else weight[:, None] * Phi
+    found: np.ndarray = own.T @ own + RIDGE * len(Phi) * space.roughness()
+    return found
+
+
 def _least_squares(Phi: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Solution of Phi c = y and R with R R^T = (Phi^T Phi)^-1."""
     Q, R = np.linalg.qr(Phi)
     return np.linalg.solve(R, Q.T @ y), np.linalg.inv(R)
 
 
-def _projected(Phi: np.ndarray, u: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _projected(
+    space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of every frame, shape [frames, size, 3], and the root of their covariance.
 
     A point seen in part of the frames weighs in the covariance by that share.
     """
     T, P = valid.shape
-    flat, _ = _least_squares(Phi, u.transpose(1, 0, 2).reshape(P, -1))
-    share = np.sqrt(valid.mean(axis=0))
-    _, root = _least_squares(share[:, None] * Phi, np.zeros((P, 1)))
-    return flat.reshape(-1, T, 3).transpose(1, 0, 2), root
+    Phi = space.matrix(X)
+    flat = np.linalg.solve(_normal(Phi, space), Phi.T @ u.transpose(1, 0, 2).reshape(P, -1))
+    root = np.linalg.cholesky(_normal(Phi, space, np.sqrt(valid.mean(axis=0))))
+    inverse = solve_triangular(root, np.eye(len(root)), lower=True).T
+    return flat.reshape(-1, T, 3).transpose(1, 0, 2), inverse
 
 
 def _jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
@@ -189,31 +201,32 @@ def _jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
     return float(np.sqrt(np.nanmedian(square)))
 
 
-def _filled(u: np.ndarray, valid: np.ndarray, Phi: np.ndarray) -> np.ndarray:
+def _filled(space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Displacements with the missing ones replaced by the fit's own, until they agree."""
     if valid.all():
         return u
-    u = u.copy()
+    u, Phi = u.copy(), space.matrix(X)
+    hat = np.linalg.solve(_normal(Phi, space), Phi.T)
     for _ in range(PASSES):
-        c, _ = _projected(Phi, u, valid)
-        u[~valid] = (Phi @ c)[~valid]
+        c = hat @ u.transpose(1, 0, 2).reshape(len(X), -1)
+        u[~valid] = (Phi @ c).reshape(len(X), -1, 3).transpose(1, 0, 2)[~valid]
     return u
 
 
-def _press(Phi: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Root mean square error [m] at tracks left out of the fit; infinite for a dependent basis."""
+def _press(space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
+    """Trimmed root mean square error [m] at left-out tracks; infinite for a dependent basis."""
+    Phi = space.matrix(X)
     try:
-        root = np.linalg.cholesky(Phi.T @ Phi)
+        root = np.linalg.cholesky(_normal(Phi, space))
     except np.linalg.LinAlgError:
-        return float("inf")
-    diagonal = np.diag(root)
-    if diagonal.min() < 1e-5 * diagonal.max():
         return float("inf")
     Q = solve_triangular(root, Phi.T, lower=True).T
     leverage = np.minimum(np.sum(Q**2, axis=1), 1.0 - 1e-9)
     flat = u.transpose(1, 0, 2).reshape(len(Phi), -1)
     error = ((flat - Q @ (Q.T @ flat)) / (1.0 - leverage)[:, None]).reshape(len(Phi), -1, 3)
-    return float(np.sqrt(np.mean(error.transpose(1, 0, 2)[valid] ** 2)))
+    seen = valid.T[:, :, None]
+    square = np.sum(error**2 * seen, axis=(1, 2)) / np.maximum(3.0 * seen.sum(axis=(1, 2)), 1.0)
+    return float(np.sqrt(np.mean(np.sort(square)[: int(KEPT * len(square))])))
 
 
 def _chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) -> Tensor:
@@ -221,10 +234,15 @@ def _chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) -
     every = max(1, len(u) // LOOKS)
     u, valid = u[::every], valid[::every]
 
+    held = [
+        (body.faces[2 * n].condition == "bonded", body.faces[2 * n + 1].condition == "bonded")
+        for n in range(3)
+    ]
+
     def tensor(rungs: tuple[int, ...]) -> Tensor:
         a, b, c = (
-            Splines.uniform(low, high, *LADDER[r])
-            for low, high, r in zip(body.low, body.high, rungs, strict=True)
+            Splines.graded(body.low[n], body.high[n], *LADDER[r], held[n])
+            for n, r in enumerate(rungs)
         )
         return Tensor((a, b, c))
 
@@ -233,8 +251,7 @@ def _chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) -
         basis = tensor(rungs)
         if basis.size > LARGEST * len(X):
             return np.inf
-        Phi = basis.matrix(X)
-        return _press(Phi, _filled(u, valid, Phi), valid)
+        return _press(basis, X, _filled(basis, X, u, valid), valid)
 
     best = np.zeros(3, dtype=int)
     lowest = error((0, 0, 0))
@@ -302,8 +319,9 @@ def supplied(
         return None
     valid = np.isfinite(value).reshape(*value.shape[:2], -1).all(axis=(0, 2))
     Phi = fit.space.matrix(recording.reference[valid])
+    normal = _normal(Phi, fit.space)
     flat = value[:, valid].swapaxes(0, 1).reshape(len(Phi), -1)
-    c = fit.space.matrix(X) @ _least_squares(Phi, flat)[0]
+    c = fit.space.matrix(X) @ np.linalg.solve(normal, Phi.T @ flat)
     series = c.reshape(len(X), len(value), -1).swapaxes(0, 1)
     found = make_interp_spline(recording.time - recording.time[0], series, k=3)(time)
     return np.asarray(found).reshape(len(time), len(X), *value.shape[2:])

@@ -15,6 +15,7 @@ class Frame:
     time: float
     X: np.ndarray
     x: np.ndarray
+    v: np.ndarray
     F: np.ndarray
     L: np.ndarray
     second: np.ndarray | None
@@ -53,7 +54,9 @@ class Motion:
     def frame(self, n: int) -> Frame:
         """The motion at its n-th time."""
         second = None if self.second is None else self.second[n]
-        return Frame(float(self.time[n]), self.X, self.x[n], self.F[n], self.L[n], second)
+        return Frame(
+            float(self.time[n]), self.X, self.x[n], self.v[n], self.F[n], self.L[n], second
+        )
 
     @cached_property
     def inverse(self) -> np.ndarray:

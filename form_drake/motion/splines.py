@@ -19,6 +19,20 @@ class Splines:
     degree: int
 
     @classmethod
+    def graded(
+        cls, low: float, high: float, spans: int, degree: int, held: tuple[bool, bool]
+    ) -> "Splines":
+        """Spans that shrink towards the ends that are held, where strain concentrates."""
+        s = np.linspace(0.0, 1.0, spans + 1)
+        if held == (True, True):
+            s = 0.5 * (1.0 - np.cos(np.pi * s))
+        elif held[1]:
+            s = np.sin(0.5 * np.pi * s)
+        elif held[0]:
+            s = 1.0 - np.cos(0.5 * np.pi * s)
+        return cls(low + (high - low) * s, degree)
+
+    @classmethod
     def uniform(cls, low: float, high: float, spans: int, degree: int) -> "Splines":
         return cls(np.linspace(low, high, spans + 1), degree)
 
@@ -31,6 +45,16 @@ class Splines:
     def knots(self) -> np.ndarray:
         ends = np.ones(self.degree)
         return np.concatenate([self.breaks[0] * ends, self.breaks, self.breaks[-1] * ends])
+
+    def gram(self, derivative: int) -> np.ndarray:
+        """Integral of products of derivatives over the interval scaled to length one."""
+        node, weight = np.polynomial.legendre.leggauss(self.degree + 1)
+        half = 0.5 * np.diff(self.breaks)[:, None]
+        x = (self.breaks[:-1, None] + half * (node + 1.0)).ravel()
+        length = self.breaks[-1] - self.breaks[0]
+        values = self.matrix(x, derivative) * length**derivative
+        found: np.ndarray = values.T @ (values * ((half * weight) / length).ravel()[:, None])
+        return found
 
     def matrix(self, x: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Values or derivatives of all functions at ``x``, shape [len(x), size].
@@ -62,6 +86,20 @@ class Tensor:
             for i, (s, d) in enumerate(zip(self.axes, derivatives, strict=True))
         )
         return np.einsum("pi,pj,pk->pijk", a, b, c, optimize=True).reshape(len(X), self.size)
+
+    def roughness(self) -> np.ndarray:
+        """Integral of the squared second derivatives over the box, lengths in units of its sides.
+
+        Returns:
+            Matrix K with c^T K c the integral of a field with coefficients c, shape [size, size].
+        """
+        grams = [[axis.gram(d) for d in range(3)] for axis in self.axes]
+        total = np.zeros((self.size, self.size))
+        for orders in np.ndindex(3, 3, 3):
+            if sum(orders) == 2:
+                a, b, c = (g[d] for g, d in zip(grams, orders, strict=True))
+                total += (1.0 if 2 in orders else 2.0) * np.kron(np.kron(a, b), c)
+        return total
 
     def gradient(self, X: np.ndarray) -> np.ndarray:
         """Gradients at X [1/m], shape [points, size, 3]."""

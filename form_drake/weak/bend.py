@@ -1,73 +1,117 @@
-"""Bending fields of a strip that is held at one end and pushed sideways near the other."""
+"""Bending fields of a strip that is held at one end and pushed sideways near the other.
+
+Every cross-section is turned rigidly by beta(s) about its own centre x_c as it stands now, and the
+centres move so that the centre line is neither stretched nor sheared,
+
+    w = a + beta n x (x - x_c),   da/dX_a = beta n x dx_c/dX_a,   a = 0 at the held end.
+
+Then P : grad w = beta' [n x (x - x_c)] . P e_a: bending moments alone do work, however far the
+strip has turned, since P F^T is symmetric; shear and stretch, which tracks tell poorly, cancel.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from form_drake.motion import Frame
+from form_drake.motion import Frame, Motion
 from form_drake.weak.fields import Sampled, smoothstep
 
 
 @dataclass(frozen=True)
 class BendFields:
-    """Material fields psi(s) e_b - (X_b - o_b) psi'(s) e_a, with psi'' terms where volume counts.
-
-    s runs along the strip's axis a from its free end; psi falls from 1 beyond the pushed part to 0
-    before the held end, so that the pusher moves by e_b alone. With ``isochoric`` the field gains
-    (X_b - o_b)^2 psi'' / 2 e_b and has no divergence in stress-free coordinates.
+    """Fields as above, one for each ramp in which beta is not zero.
 
     Attributes:
         axis: a, along the strip.
-        push: b, the direction of bending.
-        origin: a point of the free end on the strip's axis [m], shape [3].
+        push: the direction of bending.
+        held: coordinate of the held end along the axis [m].
         length: of the strip between its ends [m].
-        sign: +1 where the held end is the upper one along a.
-        ramps: where psi leaves 1 and reaches 0, as shares of the length, shape [ramps, 2].
-        tool: the pusher.
-        isochoric: see above.
+        sign: +1 where the held end is the upper one.
+        ramps: where beta begins and ends, from the free end on, as shares of the length.
+        tool: the pusher, which acts before every ramp and so sees one translation.
         breaks: as in ``Fields``.
     """
 
     axis: int
     push: int
-    origin: np.ndarray
+    held: float
     length: float
     sign: int
     ramps: tuple[tuple[float, float], ...]
     tool: str
-    isochoric: bool
     breaks: tuple[np.ndarray, ...]
     material: bool = True
-    fixed: bool = True
+    fixed: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(f"bend {'xyz'[self.push]} over {lo:g}-{hi:g}" for lo, hi in self.ramps)
 
     @property
-    def tools(self) -> dict[str, np.ndarray]:
-        end = np.zeros((len(self.ramps), 3))
-        end[:, self.push] = 1.0
-        return {self.tool: end}
+    def tools(self) -> tuple[str, ...]:
+        return (self.tool,)
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Axis of the rotations."""
+        return np.cross(np.eye(3)[self.axis], np.eye(3)[self.push])
+
+    def _turns(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """beta [1/m] and its derivative along the axis, shape [ramps, points]."""
+        s = 1.0 + self.sign * (at - self.held) / self.length
+        beta, slope = [], []
+        for lo, hi in self.ramps:
+            _, f1, f2 = smoothstep((s - lo) / (hi - lo))
+            scale = 1.0 / (self.length * (hi - lo))
+            beta.append(f1 * scale)
+            slope.append(self.sign * f2 * scale**2)
+        return np.array(beta), np.array(slope)
+
+    def _shifts(self, at: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """int beta n x slope from the held end to every section, and to before the ramps.
+
+        Args:
+            at: coordinates of the sections [m], shape [sections].
+            slope: derivative of the centre line or of its velocity, shape [sections, 3].
+        """
+        beta, _ = self._turns(at)
+        turned = np.cross(self.normal, slope)
+        found = CubicSpline(at, beta[:, :, None] * turned, axis=1).antiderivative()
+        free = self.held - self.sign * self.length
+        start = found(np.clip(self.held, at[0], at[-1]))
+        return found(at) - start[:, None], found(np.clip(free, at[0], at[-1])) - start
+
+    def _sections(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, index = np.unique(np.round(X[:, self.axis], 12), return_inverse=True)
+        return at, index, np.bincount(index).astype(float)
 
     def at(self, frame: Frame) -> Sampled:
-        X = frame.X
-        a, b = self.axis, self.push
-        y = X - self.origin
-        s = self.sign * y[:, a] / self.length
-        value = np.zeros((len(self.ramps), len(X), 3))
-        gradient = np.zeros((*value.shape, 3))
-        for n, (lo, hi) in enumerate(self.ramps):
-            f, f1, f2, f3 = smoothstep((s - lo) / (hi - lo), 3)
-            scale = self.sign / (self.length * (hi - lo))
-            psi, p1, p2, p3 = 1.0 - f, -f1 * scale, -f2 * scale**2, -f3 * scale**3
-            across = y[:, b]
-            extra = 0.5 * across**2 if self.isochoric else np.zeros_like(across)
-            value[n, :, b], value[n, :, a] = psi + extra * p2, -across * p1
-            gradient[n, :, b, a] = p1 + extra * p3
-            gradient[n, :, b, b] = across * p2 if self.isochoric else 0.0
-            gradient[n, :, a, a], gradient[n, :, a, b] = -across * p2, -p1
-        return Sampled(value, gradient)
+        at, index, count = self._sections(frame.X)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            sums = [np.bincount(index, weights=values[:, d]) / count for d in range(3)]
+            return np.stack(sums, axis=-1)
+
+        beta, slope = self._turns(frame.X[:, self.axis])
+        along = frame.F[:, :, self.axis]
+        shift, _ = self._shifts(at, mean(along))
+        drift, _ = self._shifts(at, mean((frame.L @ along[:, :, None])[:, :, 0]))
+        arm = np.cross(self.normal, frame.x - mean(frame.x)[index])
+        spin = np.cross(self.normal, frame.v - mean(frame.v)[index])
+        turned = np.cross(self.normal, frame.F, axisb=1, axisc=1)
+        gradient = beta[:, :, None, None] * turned
+        gradient[..., self.axis] += slope[:, :, None] * arm
+        value = shift[:, index] + beta[:, :, None] * arm
+        return Sampled(value, gradient, drift[:, index] + beta[:, :, None] * spin)
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
+        at, index, count = self._sections(motion.X)
+        ends = []
+        for F in motion.F:
+            slope = [np.bincount(index, weights=F[:, d, self.axis]) / count for d in range(3)]
+            ends.append(self._shifts(at, np.stack(slope, axis=-1))[1])
+        return {self.tool: np.array(ends)}
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.ramps), dtype=bool)

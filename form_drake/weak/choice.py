@@ -24,7 +24,8 @@ FRAMES = 8  # fewest frames in a window
 STRIDE = 0.4  # of windows, as a share of their width, where that gives no more than
 MOST_ROWS = 2000
 BESIDE = 0.05  # of a strip's length, kept clear beside the pusher's centre
-BENDS = ((0.05, 0.95), (0.1, 1.0), (0.0, 0.9))  # ramps as shares of what the pusher leaves
+CELLS_ALONG = 8  # quadrature cells along a strip
+BENDS = ((0.0, 0.8), (0.05, 0.9), (0.1, 0.95))  # ramps as shares of what the pusher leaves
 RAMPS = ((0.0, 0.9), (0.05, 0.95), (0.1, 1.0))
 CELLS = (4.5, 6.0, 8.0, 12.0)  # of a spatial grid along each axis of the body
 
@@ -151,15 +152,16 @@ def axial(recording: Recording, shape: Body, fit: Fit) -> list[Fields]:
         if not laterals or opposite.condition in ("free", "touched"):
             continue
         shares = [np.eye(3)[a] for a in laterals]
-        low, high = (_mean_face(recording, shape, fit, f, face.axis) for f in (opposite, face))
-        length = float(np.abs(high - low).min())
+        time, low = _mean_face(recording, shape, fit, opposite)
+        _, high = _mean_face(recording, shape, fit, face)
         origin = 0.5 * (shape.low + shape.high)
         origin[face.axis] = low.mean()
         found.append(
             AxialFields(
                 axis=face.axis,
                 origin=origin,
-                length=length,
+                time=time,
+                length=np.abs(high - low),
                 lateral=np.array(shares),
                 ramps=RAMPS,
                 sign=1 if face.side else -1,
@@ -176,33 +178,28 @@ def axial(recording: Recording, shape: Body, fit: Fit) -> list[Fields]:
 def bend(recording: Recording, shape: Body) -> list[Fields]:
     """Bending fields of a strip with one bonded end that a tool with known poses pushes sideways."""
     found: list[Fields] = []
-    ends = [f for f in shape.faces if f.condition == "bonded"]
+    bonded = [f for f in shape.faces if f.condition == "bonded"]
     for face in shape.faces:
-        held = [f for f in ends if f.axis != face.axis]
+        held = [f for f in bonded if f.axis != face.axis]
         measured = face.tool in recording.forces and face.tool in recording.poses
         if face.condition != "touched" or not measured or not held:
             continue
         axis, side = held[0].axis, held[0].side
-        free, length = (shape.low, shape.high)[1 - side], shape.high[axis] - shape.low[axis]
-        origin = 0.5 * (shape.low + shape.high)
-        origin[axis] = free[axis]
+        ends, length = (shape.low, shape.high), shape.high[axis] - shape.low[axis]
         tool = recording.poses[face.tool].value[:, axis, 3]
-        reach = float(np.abs(tool - free[axis]).max()) / length + BESIDE
+        reach = float(np.abs(tool - ends[1 - side][axis]).min()) / length + BESIDE
         ramps = tuple((reach + (1.0 - reach) * lo, reach + (1.0 - reach) * hi) for lo, hi in BENDS)
-        breaks = [np.array([a, z]) for a, z in zip(shape.low, shape.high, strict=True)]
-        knots = np.unique([0.0, 1.0, *(s for ramp in ramps for s in ramp)])
-        along = knots if side else 1.0 - knots[::-1]
-        breaks[axis] = shape.low[axis] + length * along
+        breaks = [np.array([a, z]) for a, z in zip(*ends, strict=True)]
+        breaks[axis] = np.linspace(ends[0][axis], ends[1][axis], CELLS_ALONG + 1)
         found.append(
             BendFields(
                 axis=axis,
                 push=face.axis,
-                origin=origin,
-                length=length,
+                held=float(ends[side][axis]),
+                length=float(length),
                 sign=1 if side else -1,
                 ramps=ramps,
                 tool=face.tool,
-                isochoric=False,
                 breaks=tuple(breaks),
             )
         )
@@ -217,13 +214,14 @@ def traction_free(shape: Body, fields: Sequence[Fields]) -> tuple[int, ...]:
     return ()
 
 
-def _mean_face(recording: Recording, shape: Body, fit: Fit, face: Face, axis: int) -> np.ndarray:
-    """Position of a face along an axis over time [m], shape [times]."""
+def _mean_face(
+    recording: Recording, shape: Body, fit: Fit, face: Face
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and the position of a face along its axis [m], shape [times]."""
     X = shape.face_points(face)
-    time = np.linspace(0.0, recording.time[-1] - recording.time[0], 64)
+    time = np.linspace(0.0, recording.time[-1] - recording.time[0], 2 * recording.frames)
     x = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).x
-    found: np.ndarray = x[:, :, axis].mean(axis=1)
-    return found
+    return time, x[:, :, face.axis].mean(axis=1)
 
 
 def _grid(recording: Recording, shape: Body, fit: Fit, ends: np.ndarray) -> list[Fields]:

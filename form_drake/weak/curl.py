@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.motion import Body, Frame
+from form_drake.motion import Body, Frame, Motion
 from form_drake.motion.motion import determinant, inverse
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.weak.fields import Sampled
@@ -58,7 +58,10 @@ class CurlFields:
         return cls(basis, used, names)
 
     @property
-    def tools(self) -> dict[str, np.ndarray]:
+    def tools(self) -> tuple[str, ...]:
+        return ()
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         return {}
 
     @property

@@ -9,8 +9,9 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from form_drake.motion import Body, Face, Frame
+from form_drake.motion import Body, Face, Frame, Motion
 from form_drake.motion.splines import Splines, Tensor
 
 
@@ -38,7 +39,7 @@ class Fields(Protocol):
         names: one for each field.
         material: gradients are those along X (see ``Sampled``).
         fixed: material fields that no motion changes.
-        tools: value of every field at the point where a tool acts, shape [fields, 3].
+        tools: those whose force the fields see.
     """
 
     @property
@@ -56,7 +57,11 @@ class Fields(Protocol):
         ...
 
     @property
-    def tools(self) -> dict[str, np.ndarray]: ...
+    def tools(self) -> tuple[str, ...]: ...
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
+        """Value of every field where each tool acts, shape [times, fields, 3]."""
+        ...
 
     def at(self, frame: Frame) -> Sampled:
         """The fields at the points of a frame."""
@@ -76,13 +81,13 @@ class BoxFields:
         basis: scalar basis.
         weights: combinations of scalar functions times directions, shape [fields, size, 3].
         names: of the fields.
-        tools: as in ``Fields``.
+        ends: value of every field at each tool, shape [fields, 3].
     """
 
     basis: Tensor
     weights: np.ndarray = field(repr=False)
     names: tuple[str, ...] = field(repr=False)
-    tools: dict[str, np.ndarray] = field(repr=False)
+    ends: dict[str, np.ndarray] = field(repr=False)
     material: bool = True
     fixed: bool = True
 
@@ -134,6 +139,13 @@ class BoxFields:
     @property
     def breaks(self) -> tuple[np.ndarray, ...]:
         return tuple(a.breaks for a in self.basis.axes)
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        return tuple(self.ends)
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
+        return {k: np.broadcast_to(e, (len(motion.time), *e.shape)) for k, e in self.ends.items()}
 
     @cached_property
     def _last(self) -> dict[bytes, Sampled]:
@@ -201,13 +213,14 @@ class AxialFields:
     """Divergence-free fields f(s) e_a - f'(s) (x_l - o_l) e_l: press, pull and stretch.
 
     Each moves the loaded end along axis a and lets the body contract along the lateral axis l,
-    whose faces are free. f rises from 0 to 1 between ``ramps`` of the shortest length that the
-    body has along a. With sticking ends the ramps end inside the body.
+    whose faces are free. f rises from 0 to 1 between ``ramps`` of the length that the body has
+    along a at the time. With sticking ends the ramps end inside the body.
 
     Attributes:
         axis: the loaded axis a.
         origin: a point of the support face on the body's axis [m], shape [3].
-        length: shortest length of the body along the axis [m].
+        time: at which the length is given [s], shape [times].
+        length: of the body along the axis [m], shape [times].
         lateral: share of the contraction along every axis, shape [laterals, 3], each summing to 1.
         ramps: where f starts and ends as shares of ``length``, shape [ramps, 2].
         sign: +1 where the loaded face is the upper one, -1 else.
@@ -218,7 +231,8 @@ class AxialFields:
 
     axis: int
     origin: np.ndarray
-    length: float
+    time: np.ndarray
+    length: np.ndarray
     lateral: np.ndarray
     ramps: tuple[tuple[float, float], ...]
     sign: int
@@ -236,30 +250,47 @@ class AxialFields:
         )
 
     @property
-    def tools(self) -> dict[str, np.ndarray]:
-        end = np.zeros((len(self.lateral) * len(self.ramps), 3))
-        end[:, self.axis] = 1.0
+    def tools(self) -> tuple[str, ...]:
+        return (self.tool,)
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
+        end = np.zeros((len(motion.time), len(self.names), 3))
+        end[:, :, self.axis] = 1.0
         return {self.tool: end}
 
+    @cached_property
+    def _lengths(self) -> tuple[CubicSpline, CubicSpline]:
+        spline = CubicSpline(self.time, self.length)
+        return spline, spline.derivative()
+
     def at(self, frame: Frame) -> Sampled:
-        x = frame.x
-        y = x - self.origin
-        s = self.sign * y[:, self.axis] / self.length
-        shape = (len(self.lateral), len(self.ramps), len(x))
-        value, gradient = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        y = frame.x - self.origin
+        length, growth = (float(f(frame.time)) for f in self._lengths)
+        s = self.sign * y[:, self.axis] / length
+        shape = (len(self.lateral), len(self.ramps), len(y))
+        value, rate, gradient = (
+            np.zeros((*shape, 3)),
+            np.zeros((*shape, 3)),
+            np.zeros((*shape, 3, 3)),
+        )
         for n, (lo, hi) in enumerate(self.ramps):
             f, f1, f2 = smoothstep((s - lo) / (hi - lo))
-            scale = self.sign / (self.length * (hi - lo))
+            scale = self.sign / (length * (hi - lo))
+            late = -growth / length * s / (hi - lo)  # d/dt of the ramp's argument at fixed x
+            later = (f2 * late - f1 * growth / length) * scale
+            value[:, n, :, self.axis], rate[:, n, :, self.axis] = f, f1 * late
             f1, f2 = f1 * scale, f2 * scale**2
-            value[:, n, :, self.axis] = f
             gradient[:, n, :, self.axis, self.axis] = f1
             for k, share in enumerate(self.lateral):
                 for a in np.flatnonzero(share):
                     value[k, n, :, a] = -share[a] * f1 * y[:, a]
+                    rate[k, n, :, a] = -share[a] * later * y[:, a]
                     gradient[k, n, :, a, a] = -share[a] * f1
                     gradient[k, n, :, a, self.axis] = -share[a] * f2 * y[:, a]
         flat = shape[0] * shape[1]
-        return Sampled(value.reshape(flat, -1, 3), gradient.reshape(flat, -1, 3, 3))
+        return Sampled(
+            value.reshape(flat, -1, 3), gradient.reshape(flat, -1, 3, 3), rate.reshape(flat, -1, 3)
+        )
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.names), dtype=bool)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from form_drake.motion import Frame
+from form_drake.motion import Frame, Motion
 from form_drake.weak.fields import Sampled
 
 DEGREE = 3  # smooth between quadrature points
@@ -36,7 +36,10 @@ class GridFields:
         )
 
     @property
-    def tools(self) -> dict[str, np.ndarray]:
+    def tools(self) -> tuple[str, ...]:
+        return ()
+
+    def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         return {}
 
     @property

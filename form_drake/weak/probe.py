@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
@@ -115,11 +116,18 @@ class Probe:
         chi, rate = self.windows.chi, self.windows.rate
         A = np.einsum("wt,ktf->wfk", chi, found.stress, optimize=True)
         b = chi @ (found.load + found.carried) + rate @ found.momentum
-        for tool, end in fields.tools.items():
+        for tool, end in fields.acting(motion).items():
             force = self.forces[tool]
-            value = force.value + push.get(tool, 0.0)
-            b = b - (force.impulses(self.windows.ends) @ value) @ end.T
+            power = self._powers(force, end, force.value + push.get(tool, 0.0))
+            b = b - force.impulses(self.windows.ends) @ power.sum(axis=-1)
         return A, b, self._sizes(fields, motion, T) if sized else np.zeros_like(A)
+
+    def _powers(self, force: Force, end: np.ndarray, value: np.ndarray) -> np.ndarray:
+        """f_d psi_d at the stamps of a force, shape [samples, fields, 3]."""
+        at = np.clip(force.time, self.windows.time[0], self.windows.time[-1])
+        psi = interp1d(self.windows.time, end, axis=0, assume_sorted=True)(at)
+        found: np.ndarray = psi * value[:, None, :]
+        return found
 
     def _sizes(self, fields: Fields, motion: Motion, T: np.ndarray) -> np.ndarray:
         """Integral of V |T_k| |grad psi| over each window, shape [windows, fields, terms]."""
@@ -174,17 +182,18 @@ class Probe:
     def _force_noise(self) -> np.ndarray:
         counts = [len(f.names) for f in self.fields]
         m, W = sum(counts), len(self.windows)
-        total = np.zeros((W, m, W, m))
+        total = np.zeros((W * m, W * m))
+        acting = [f.acting(self.motion) for f in self.fields]
         for tool, force in self.forces.items():
-            ends = np.concatenate(
-                [
-                    f.tools.get(tool, np.zeros((n, 3)))
-                    for f, n in zip(self.fields, counts, strict=True)
-                ]
+            none = [np.zeros((len(self.motion.time), n, 3)) for n in counts]
+            end = np.concatenate(
+                [a.get(tool, z) for a, z in zip(acting, none, strict=True)], axis=1
             )
+            psi = self._powers(force, end, np.ones_like(force.value))
             weights = force.impulses(self.windows.ends)
-            total += force.noise**2 * np.einsum("wu,fg->wfug", weights @ weights.T, ends @ ends.T)
-        return total.reshape(W * m, W * m)
+            rows = np.einsum("ws,sfd->wfsd", weights, psi, optimize=True).reshape(W * m, -1)
+            total += force.noise**2 * (rows @ rows.T)
+        return total
 
     def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Noise of the coefficients [m] and of the forces [N]."""
