@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import positions, rubber, speed, table2
+from form_drake.bench import positions, rubber, speed, table2, table2_weak, weak_form
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
@@ -30,9 +30,11 @@ from form_drake.records import Camera, Recording, Solver, States, Stream, Wall, 
 DOCS = Path(__file__).parent
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "table2": table2.table,
+    "table2-weak": table2_weak.table,
     "positions": positions.table,
     "speed": speed.table,
     "rubber": rubber.table,
+    "weak-form": weak_form.table,
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
@@ -326,6 +328,8 @@ def with_benchmarks(text: str, results: list[dict[str, Any]]) -> str:
     """benchmarks.md with the tables of some results in their places."""
     for result in results:
         name = result.get("bench", "speed" if "job" in result else None)
+        if result.get("method") == "weak":
+            name = f"{name}-weak"
         if name not in TABLES:
             raise ValueError(f"bench {name!r}: known are {', '.join(TABLES)}")
         text = marked(text, name, f"\n```text\n{TABLES[name](result)}\n```\n\n")

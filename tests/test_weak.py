@@ -181,6 +181,13 @@ def test_error_bars_are_as_wide_as_the_errors(exact):
     assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.5
 
 
+def moving(made):
+    """Poses of a tool that moves along x."""
+    X_WT = np.tile(np.eye(4), (made.frames, 1, 1))
+    X_WT[:, 0, 3] = np.linspace(0.0, 0.01, made.frames)
+    return Stream(made.time, X_WT)
+
+
 # --- refusals -------------------------------------------------------------------------------------
 def test_lost_points_and_uneven_stamps_are_taken(exact):
     made, truth = recording(exact, "yeoh-uniaxial")
@@ -196,6 +203,10 @@ def test_lost_points_and_uneven_stamps_are_taken(exact):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        (
+            lambda r: {"forces": {}, "poses": {"pull_x": moving(r)}},
+            "pull_x touches x\\+ and moves, but",
+        ),
         (lambda r: {"p_WQ": r.p_WQ[:, :6], "p_reference": r.reference[:6]}, "6 points"),
         (lambda r: {"p_WQ": r.p_WQ * [1, 1, 0], "p_reference": r.reference * [1, 1, 0]}, "plane"),
         (lambda r: {"p_WQ": 1e3 * r.p_WQ, "p_reference": 1e3 * r.reference}, "millimetres"),

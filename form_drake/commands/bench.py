@@ -5,12 +5,12 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from tqdm import tqdm
 
-from form_drake.bench import positions, rubber, speed, table2
+from form_drake.bench import positions, rubber, speed, table2, table2_weak, weak_form
 from form_drake.bench.curves import recordings
 from form_drake.commands.output import emit, say
 from form_drake.files import target, write_json
@@ -59,8 +59,10 @@ class Table2:
 
     data: Path | None = None
     """Folder of the shared NCLaw data; default: the environment variable FORM_DRAKE_NCLAW."""
+    method: Literal["step", "weak"] = "step"
+    """step: the table; weak: the bias of the weak form on the same data, with the twin offset."""
     out: Path | None = None
-    """JSON file to write; default: runs/bench-table2/table2.json."""
+    """JSON file to write; default: runs/bench-table2/table2.json, or table2-weak for weak."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these."""
     json: bool = False
@@ -70,10 +72,14 @@ class Table2:
         """Run the bench."""
         data = _folder(self.data)
 
-        def run(store: Path) -> dict[str, Any]:
-            return table2.run_table2(data, store=store, only=self.only)
+        weak = self.method == "weak"
 
-        _finish("table2", self.out, run, table2.table, whole=not self.only, as_json=self.json)
+        def run(store: Path) -> dict[str, Any]:
+            run_all = table2_weak.run_table2_weak if weak else table2.run_table2
+            return run_all(data, store=store, only=self.only)
+
+        name, table = ("table2-weak", table2_weak.table) if weak else ("table2", table2.table)
+        _finish(name, self.out, run, table, whole=not self.only, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -177,6 +183,28 @@ class Rubber:
 
 
 @dataclass(frozen=True)
+class WeakForm:
+    """The weak form on exact motions and finite elements of tests/oracles; needs a checkout."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-weak-form/weak-form.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names (such as exact/yeoh or fe/press-a) contain one of these."""
+    seeds: int = weak_form.SEEDS
+    """Noise seeds."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+
+        def run(store: Path) -> dict[str, Any]:
+            return weak_form.run_weak_form(store=store, only=self.only, seeds=self.seeds)
+
+        _finish("weak-form", self.out, run, weak_form.table, whole=not self.only, as_json=self.json)
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure what the documents state; long benches resume where they were interrupted."""
 
@@ -185,6 +213,7 @@ class Bench:
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]
+        | Annotated[WeakForm, tyro.conf.subcommand("weak-form")]
     ]
 
     def run(self) -> None:

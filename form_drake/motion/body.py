@@ -124,4 +124,16 @@ def faces(recording: Recording) -> tuple[Face, ...]:
             f"force of {', '.join(lost)}: no face names it in contact; named are"
             f" {', '.join(sorted(named))}"
         )
+    for face, name in zip(found, FACES, strict=True):
+        pose = recording.poses.get(face.tool)
+        if pose is not None and face.tool not in recording.forces and _moves(pose.value):
+            raise ValueError(
+                f"{face.tool} touches {name} and moves, but the recording holds no force of it: add"
+                f" forces={{{face.tool!r}: Stream(...)}}"
+            )
     return tuple(found)
+
+
+def _moves(X_WT: np.ndarray) -> bool:
+    """Whether a tool is carried by more than a micrometre."""
+    return bool(np.ptp(X_WT[:, :3, 3], axis=0).max() > 1e-6)

@@ -14,7 +14,7 @@ from form_drake.weak.fields import AxialFields, BoxFields, Fields
 from form_drake.weak.grid import DEGREE, grid_fields
 from form_drake.weak.reach import usable
 from form_drake.weak.stress import volumetric
-from form_drake.weak.unknowns import Pressure
+from form_drake.weak.unknowns import Pressure, Unknowns
 from form_drake.weak.windows import even
 
 NAMES = ("box", "axial", "bend", "grid", "potential")
@@ -78,7 +78,7 @@ def chosen_fields(
     shape: Body,
     fit: Fit,
     ends: np.ndarray,
-    pressure: Pressure,
+    unknowns: Unknowns,
 ) -> tuple[Fields, ...]:
     """The named families, those given, or those that the faces of the body admit.
 
@@ -86,10 +86,10 @@ def chosen_fields(
         ValueError: an unknown name, or a family that this body has not.
     """
     if not wanted:
-        if pressure != "free":
-            wanted = ("box",)
+        if unknowns.shears and axial(recording, shape, fit):
+            wanted = ("axial",)
         else:
-            wanted = ("axial",) if axial(recording, shape, fit) else ("potential",)
+            wanted = ("potential",) if unknowns.pressure == "free" else ("box",)
         if any(f.condition == "touched" and f.tool in recording.forces for f in shape.faces):
             wanted = ("bend",)
     found: list[Fields] = []

@@ -83,6 +83,12 @@ class Unknowns:
         keys = [t.key for t in self.law.terms]
         return tuple(k for k, s in zip(keys, sought, strict=True) if not s and k not in self.known)
 
+    @property
+    def shears(self) -> bool:
+        """Whether rows without any pressure tell everything that is sought."""
+        shear = [not v for v in volumetric(self.law)]
+        return bool(np.all(np.abs(self.M[shear]).sum(axis=0) > 0))
+
     def theta(self, phi: np.ndarray) -> np.ndarray:
         """Coefficients of all terms."""
         found: np.ndarray = self.M @ phi + self.offset

@@ -1,0 +1,294 @@
+"""The weak form on motions that no solver of this package made: errors, noise, refusals, time.
+
+The motions come from the scripts in ``tests/oracles``, run as processes of their own. Each writes
+plain arrays, what a person would state of the set-up, and the true parameters in a file of their
+own, which only this bench opens.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from form_drake.bench.cases import fingerprint, run_cases
+from form_drake.bench.oracles import FINITE, ORACLES, Motions, laboratory_noise, relative_noise
+from form_drake.identify import Estimator, Identification, Unidentifiable, WeakOptions, identify
+from form_drake.records import Recording
+
+MODES = ("uniaxial", "biaxial", "shear")
+FIXED = ("nu",)  # stated in the recordings of those materials that have it
+HOMOGENEOUS = ("mooney-rivlin", "yeoh", "gent")
+MOTIONS = {
+    "newtonian": ("newtonian",),
+    "bingham": ("bingham",),
+    "mu-i": ("mu-i-1", "mu-i-2", "mu-i-3"),
+    **{law: tuple(f"{law}-{mode}" for mode in MODES) for law in HOMOGENEOUS},
+    "neo-hookean": ("neo-hookean",),
+    "fixed-corotated": ("fixed-corotated",),
+    "von-mises": ("von-mises",),
+    "drucker-prager": ("drucker-prager",),
+    "weakly-compressible": ("weakly-compressible",),
+}
+ALONE = {**{law: MOTIONS[law] for law in HOMOGENEOUS}, "mu-i": ("mu-i-1",)}
+SECONDS = {"newtonian": 20.0, "bingham": 16.0, "gent": 5.0, "mu-i": 5.0}
+OTHER_SECONDS = 3.0  # of one identification
+SOLVING = {"press": 45.0, "bend": 30.0}  # seconds of the finite elements
+LEVELS = (0.3, 1.0, 3.0)  # percent of the rms of what is measured
+ESTIMATORS: tuple[Estimator, ...] = ("gls", "ols")
+DRAWS = 2  # in the studies of noise
+SEEDS = 20
+Z90 = 1.6449
+GOALS = {  # largest error [percent]
+    "exact": 0.5,
+    "fe": 0.5,
+    "fe-noise": {
+        "press-a": {"E": 3.0, "tau_y": 2.0},
+        "press-b": {"E": 1.5, "tau_y": 1.5},
+        "bend-touching-a": {"E": 1.5},
+        "bend-touching-b": {"E": 1.5},
+    },
+}
+Disturb = Callable[[Recording, np.random.Generator], Recording]
+
+
+def percent(answer: Identification, true: dict[str, float]) -> dict[str, float]:
+    """Error of every identified parameter [percent]."""
+    found = answer.material.parameters()
+    sought = [k for k in true if k not in FIXED]
+    return {k: 100.0 * (found[k].value / true[k] - 1.0) for k in sought}
+
+
+# --- cases ---------------------------------------------------------------------------------------
+def exact(motions: Motions, cases: Sequence[str]) -> dict[str, Any]:
+    """Identify one law from its motions as they are."""
+    made = motions.recordings(cases)
+    return _one(made, WeakOptions(), motions.truth(cases[0]))
+
+
+def refused(motions: Motions, cases: Sequence[str]) -> dict[str, Any]:
+    """Which parameters a refusal names where only the motion inside the body is used."""
+    inside = [replace(r, forces={}, contact={}) for r in motions.recordings(cases)]
+    try:
+        identify(inside, method="weak")
+        named: tuple[str, ...] = ()
+    except Unidentifiable as refusal:
+        named = refusal.keys
+    return {"named": sorted(named), "expected": sorted(motions.truth(cases[0]))}
+
+
+def noisy(
+    motions: Motions,
+    cases: Sequence[str],
+    disturb: Disturb,
+    estimators: tuple[Estimator, ...],
+    seeds: int,
+) -> dict[str, Any]:
+    """Identify from disturbed copies of some motions, by seed and estimator."""
+    clean, true = motions.recordings(cases), motions.truth(cases[0])
+    runs: dict[str, list[dict[str, Any]]] = {e: [] for e in estimators}
+    for seed in tqdm(range(seeds), unit="seed", disable=None, leave=False):
+        rng = np.random.default_rng(seed)
+        made = [disturb(r, rng) for r in clean]
+        for estimator in estimators:
+            options = WeakOptions(draws=DRAWS, estimator=estimator)
+            runs[estimator].append(_one(made, options, true))
+    return {"seeds": seeds, **{e: {**_summary(r), "runs": r} for e, r in runs.items()}}
+
+
+def _one(
+    recordings: list[Recording], options: WeakOptions, true: dict[str, float]
+) -> dict[str, Any]:
+    try:
+        answer = identify(recordings, method="weak", weak=options)
+    except Unidentifiable as refusal:
+        return {"refused": list(refusal.keys)}
+    found, errors = answer.material.parameters(), percent(answer, true)
+    std = {k: 100.0 * (found[k].std or 0.0) / abs(true[k]) for k in errors}
+    return {
+        "errors": errors,
+        "std": std,
+        "rows": answer.rows,
+        "condition": answer.condition,
+        "seconds": answer.seconds,
+    }
+
+
+def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Median size of the errors [percent] and coverage of the 90 % intervals, by parameter."""
+    kept = [r for r in runs if "errors" in r]
+    out: dict[str, Any] = {"refused": len(runs) - len(kept), "median": {}, "mean": {}}
+    out["coverage_90"] = {}
+    for key in kept[0]["errors"] if kept else ():
+        e, s = (np.array([r[name][key] for r in kept]) for name in ("errors", "std"))
+        out["median"][key] = np.median(np.abs(e))
+        out["mean"][key] = np.mean(e)
+        out["coverage_90"][key] = np.mean(np.abs(e) <= Z90 * s)
+    if kept:
+        out["seconds"] = np.median([r["seconds"] for r in kept])
+    return out
+
+
+def timing(motions: Motions, case: str) -> dict[str, Any]:
+    """Seconds of the processor, all threads together: one assembly of A and b, and everything."""
+    made = motions.recording(case)
+    identify(made, method="weak")  # compiles kernels
+    begun = time.process_time()
+    answer = identify(made, method="weak")
+    whole = time.process_time() - begun
+    problem = answer.weak.problem
+    middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
+    begun = time.process_time()
+    problem.system(middle)
+    assembly = time.process_time() - begun
+    size = {"rows": answer.rows, "points": made.points, "frames": made.frames}
+    return {**size, "assembly_seconds": assembly, "identification_seconds": whole}
+
+
+# --- the bench -----------------------------------------------------------------------------------
+def run_weak_form(*, store: Path, only: tuple[str, ...] = (), seeds: int = SEEDS) -> dict[str, Any]:
+    """All cases; see the module's text.
+
+    Raises:
+        ValueError: the package does not lie in a checkout of the project, or no seed is wanted.
+    """
+    if seeds < 1:
+        raise ValueError(f"--seeds {seeds}: one or more are wanted")
+    motions = Motions.within(store)
+    cases, estimates = planned(motions, seeds)
+    mark = fingerprint(*ORACLES.glob("*.py"))
+    found = run_cases(cases, store=store, mark=mark, estimates=estimates, only=only)
+    return {"bench": "weak-form", "cases": found, "goals": GOALS}
+
+
+def planned(
+    motions: Motions, seeds: int
+) -> tuple[dict[str, Callable[[], dict[str, Any]]], dict[str, float]]:
+    """Cases by name, and how many seconds each is expected to take."""
+    cases: dict[str, Callable[[], dict[str, Any]]] = {}
+    estimates: dict[str, float] = {}
+
+    def add(name: str, seconds: float, run: Callable[[], dict[str, Any]]) -> None:
+        cases[name], estimates[name] = run, seconds
+
+    one = {law: SECONDS.get(law, OTHER_SECONDS) for law in MOTIONS}
+    for law, made in MOTIONS.items():
+        add(f"exact/{law}", 2.0 * one[law], partial(exact, motions, made))
+    for law, made in ALONE.items():
+        add(f"refused/{law}", one[law], partial(refused, motions, made))
+    for case in FINITE:
+        solving = SOLVING[case.split("-")[0]]
+        add(f"fe/{case}", solving + 15.0, partial(exact, motions, [case]))
+    add("time/press-b", 30.0, partial(timing, motions, "press-b"))
+    for case in FINITE:
+        run = partial(noisy, motions, [case], laboratory_noise, ("gls",), seeds)
+        add(f"fe-noise/{case}/seeds{seeds}", 15.0 * seeds, run)
+    for law, made in MOTIONS.items():
+        for level in LEVELS:
+            disturb = partial(relative_noise, level=level)
+            run = partial(noisy, motions, made, disturb, ESTIMATORS, seeds)
+            add(f"noise/{law}/{level:g}/seeds{seeds}", 2.0 * one[law] * seeds, run)
+    return cases, estimates
+
+
+# --- as a table ---------------------------------------------------------------------------------
+def table(result: dict[str, Any]) -> str:
+    """The result as plain tables, one for each kind of case that was run."""
+    cases, goals = result["cases"], result["goals"]
+    parts = {
+        "exact": ("without noise, error [%], goal", _exact_lines, goals["exact"]),
+        "refused": (
+            "motion inside the body alone: parameters that the refusal names",
+            _named,
+            None,
+        ),
+        "fe": ("finite elements without noise, error [%], goal", _exact_lines, goals["fe"]),
+        "fe-noise": (
+            "finite elements, 20 um and 1 % of the largest force: median size of the error [%],"
+            " coverage of the 90 % intervals",
+            _finite_lines,
+            goals["fe-noise"],
+        ),
+        "noise": (
+            "noise in % of the rms of what is measured: median size of the error [%], coverage of"
+            " the 90 % intervals",
+            _noise_lines,
+            None,
+        ),
+        "time": ("seconds of the processor", _time_lines, None),
+    }
+    blocks = []
+    for kind, (title, lines, goal) in parts.items():
+        own = {n.split("/", 1)[1]: r for n, r in cases.items() if n.split("/")[0] == kind}
+        if own:
+            head = f"{title} {goal:g}" if isinstance(goal, float) else title
+            blocks.append("\n".join([head, *lines(own, goal)]))
+    return "\n\n".join(blocks)
+
+
+def _met(met: bool) -> str:
+    return "met" if met else "MISSED"
+
+
+def _exact_lines(own: dict[str, Any], goal: float) -> list[str]:
+    lines = [f"{'':20}{'rows':>6}{'condition':>11}{'s':>7}"]
+    for name, r in own.items():
+        if "refused" in r:
+            lines.append(f"{name:20}  refused: {', '.join(r['refused'])}  MISSED")
+            continue
+        met = _met(max(abs(e) for e in r["errors"].values()) <= goal)
+        errors = "  ".join(f"{k} {e:+.3f}" for k, e in r["errors"].items())
+        size = f"{r['rows']:>6}{r['condition']:>11.1f}{r['seconds']:>7.1f}"
+        lines.append(f"{name:20}{size}  {errors}  {met}")
+    return lines
+
+
+def _named(own: dict[str, Any], _: None) -> list[str]:
+    return [
+        f"{name:20}{', '.join(r['named']) or 'not refused'}  {_met(r['named'] == r['expected'])}"
+        for name, r in own.items()
+    ]
+
+
+def _noise_lines(own: dict[str, Any], _: None) -> list[str]:
+    head = "".join(f"{c:>9}" for e in ESTIMATORS for c in (e, "cover", "refused"))
+    lines = [f"{'':20}{'noise':>6} {'':9}{head}{'seeds':>7}"]
+    for name, r in own.items():
+        law, level, _seeds = name.split("/")
+        keys = dict.fromkeys(k for e in ESTIMATORS for k in r[e]["median"]) or {"-": None}
+        for key in keys:
+            cells = "".join(_cells(r[e], key) for e in ESTIMATORS)
+            lines.append(f"{law:20}{level:>6} {key:9}{cells}{r['seeds']:>7}")
+    return lines
+
+
+def _cells(found: dict[str, Any], key: str) -> str:
+    median, cover = (found[n].get(key) for n in ("median", "coverage_90"))
+    shown = ("-", "-") if median is None else (f"{median:.3f}", f"{cover:.0%}")
+    return "".join(f"{c:>9}" for c in (*shown, found["refused"]))
+
+
+def _finite_lines(own: dict[str, Any], goals: dict[str, dict[str, float]]) -> list[str]:
+    lines = [f"{'':20}{'':9}{'error':>9}{'cover':>9}{'refused':>9}{'seeds':>7}{'goal':>6}"]
+    for name, r in own.items():
+        case = name.split("/")[0]
+        for key, goal in goals[case].items():
+            median = r["gls"]["median"].get(key)
+            met = _met(median is not None and median <= goal)
+            cells = _cells(r["gls"], key)
+            lines.append(f"{case:20}{key:9}{cells}{r['seeds']:>7}{goal:>6.1f}  {met}")
+    return lines
+
+
+def _time_lines(own: dict[str, Any], _: None) -> list[str]:
+    return [
+        f"{name}: {r['rows']} rows, {r['points']} points, {r['frames']} frames:"
+        f" A and b once {r['assembly_seconds']:.2f}, whole identification"
+        f" {r['identification_seconds']:.1f}, that is"
+        f" {r['identification_seconds'] / r['assembly_seconds']:.0f} times as much"
+        for name, r in own.items()
+    ]

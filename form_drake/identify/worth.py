@@ -1,0 +1,105 @@
+"""What a weak solution is worth: values with their slopes, noise bias, and what is refused."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from form_drake.identify.search import Problem
+from form_drake.identify.solve import Unidentifiable
+from form_drake.laws.values import LAME
+from form_drake.weak.solve import Solution, Weights, solved
+from form_drake.weak.system import WeakSystem
+from form_drake.weak.unknowns import Unknowns
+
+LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
+LARGEST_SHARE = 0.5  # of the observed stress that one deviation of a parameter may contribute
+
+
+def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution) -> None:
+    """Refuse parameters whose deviation contributes as much stress as there is.
+
+    Raises:
+        Unidentifiable: naming them.
+    """
+    unknowns = problem.unknowns
+    deviation = np.sqrt(np.diag(free.covariance))
+    level = float(np.sqrt(np.mean(system.scale**2)))
+    own = np.sqrt(np.mean((system.sizes @ np.abs(unknowns.M)) ** 2, axis=0))
+    lost = [
+        k
+        for k, s, o in zip(unknowns.keys, deviation, own, strict=False)
+        if s * o > LARGEST_SHARE * level
+    ]
+    spread = deviation[len(phi) :]
+    lost += [k for k, s in zip(unknowns.searched, spread, strict=True) if s > 1.0]
+    if lost:
+        raise Unidentifiable.of(unknowns.law, _named(unknowns, lost))
+
+
+def parameters(
+    problem: Problem, phi: np.ndarray, eta: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Keys, values and the derivative of the values by (phi, eta)."""
+    unknowns = problem.unknowns
+    law = unknowns.law
+    touched = np.abs(unknowns.M).sum(axis=1) > 0
+    terms = tuple(t.key for t, on in zip(law.terms, touched, strict=True) if on)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        theta = unknowns.theta(x[: len(phi)])
+        found = list(theta[touched])
+        for key, e in zip(unknowns.searched, x[len(phi) :], strict=True):
+            r = float(np.exp(e))
+            found.append(unknowns.yields(r, theta) if key in law.constants("yield") else r)
+        return np.array(found)
+
+    at = np.append(phi, eta)
+    slopes = []
+    for n in range(len(at)):
+        step = np.zeros(len(at))
+        step[n] = 1e-6 * max(abs(at[n]), 1e-3)
+        slopes.append((values(at + step) - values(at - step)) / (2.0 * step[n]))
+    return (*terms, *unknowns.searched), values(at), np.array(slopes).T
+
+
+def noise_bias(
+    problem: Problem, eta: np.ndarray, J: np.ndarray, by: Weights, draws: int, seed: int
+) -> np.ndarray:
+    """What noise of the size that the data hold adds to (phi, eta) on average.
+
+    Antithetic pairs: the linear part cancels, errors-in-variables and curvature remain.
+
+    Raises:
+        Unidentifiable: columns that are noise for the most part.
+    """
+    rng = np.random.default_rng(seed)
+    unknowns = problem.unknowns
+    count = len(unknowns.keys)
+
+    def moved(drawn: Any, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        A, b = problem.reduced(problem.system(eta, drawn=drawn, sign=sign, sized=False))
+        return A, solved(np.hstack([A, J[:, count:]]), b, by).theta
+
+    columns, still = moved(None, 1.0)
+    shifts, noise = [], np.zeros((count, count))
+    for _ in range(draws):
+        drawn = [p.drawn(rng) for p in problem.probes]
+        up, down = moved(drawn, 1.0), moved(drawn, -1.0)
+        change = 0.5 * (up[0] - down[0])
+        noise += change.T @ change / draws
+        shifts.append(0.5 * (up[1] + down[1]) - still)
+    if count:
+        share, directions = eigh(noise, columns.T @ columns)
+        if share[-1] > LARGEST_NOISE:
+            weight = np.abs(directions[:, -1]) * np.linalg.norm(columns, axis=0)
+            lost = [k for k, w in zip(unknowns.keys, weight, strict=True) if w > 0.3 * weight.max()]
+            raise Unidentifiable.of(unknowns.law, _named(unknowns, lost), "noise hides them")
+    return np.mean(shifts, axis=0)
+
+
+def _named(unknowns: Unknowns, keys: Sequence[str]) -> list[str]:
+    """Keys of the law's own parameters."""
+    own = unknowns.law.keys
+    return [n for k in keys for n in ((k,) if k in own else LAME)]
