@@ -119,3 +119,12 @@ def test_notebooks_are_short_stripped_and_assert(path):
     assert len(cells) <= 15
     assert not any(c.get("outputs") or c.get("execution_count") for c in cells)
     assert "assert" in "".join(cells[-1]["source"])
+
+
+def test_readme_starts_with_two_commands_of_their_own():
+    text = (ROOT / "README.md").read_text()
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    assert blocks == [
+        "sh install.sh && .venv/bin/form-drake demo\n",
+        "sh install.sh test && .venv/bin/python -m pytest\n",
+    ]
