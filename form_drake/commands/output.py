@@ -14,7 +14,7 @@ Assignments = Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...")]
 
 def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:
     """Print the table, or the JSON object instead."""
-    print(json.dumps(plain(value), allow_nan=False) if as_json else text)
+    print(json.dumps(plain(value), allow_nan=False) if as_json else text, flush=True)
 
 
 def say(text: str) -> None:
