@@ -13,9 +13,10 @@ import pytest
 from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.identify import WeakOptions
 from form_drake.laws import law_named
-from form_drake.motion import Sampling, body, fit_tracks
+from form_drake.motion import Frame, Sampling, body, fit_tracks
 from form_drake.weak.balance import series
 from form_drake.weak.curl import CurlFields
+from form_drake.weak.fields import AxialFields
 from form_drake.weak.windows import bump, even, windows
 
 ORACLES = Path(__file__).parent / "oracles"
@@ -90,6 +91,39 @@ def test_every_pressure_cancels_against_curls(exact):
     np.testing.assert_allclose(rows, 0.0, atol=1e-12 * scale)
 
 
+def test_axial_fields_follow_both_ends_and_keep_the_volume():
+    time = np.linspace(0.0, 1.0, 41)
+    fields = AxialFields(
+        axis=2,
+        origin=np.zeros(3),
+        time=time,
+        start=0.01 * time**2,
+        length=0.02 + 0.01 * np.sin(time),
+        lateral=np.array([[0.5, 0.5, 0.0], [1.0, 0.0, 0.0]]),
+        ramps=((0.0, 0.9), (0.1, 1.0)),
+        sign=1,
+        tool="plate",
+        breaks=(),
+    )
+    x = np.random.default_rng(0).uniform(0.0, 0.03, (20, 3))
+    none = np.zeros((20, 3, 3))
+
+    def at(t, x):
+        return fields.at(Frame(t, x, x, x, none, none, None))
+
+    h = 1e-6
+    now = at(0.5, x)
+    rate = (at(0.5 + h, x).value - at(0.5 - h, x).value) / (2 * h)
+    np.testing.assert_allclose(now.rate, rate, atol=1e-6 * np.abs(rate).max())
+    np.testing.assert_allclose(np.trace(now.gradient, axis1=2, axis2=3), 0.0, atol=1e-9)
+    ends = np.array(
+        [[0.003, 0.001, 0.01 * 0.25], [0.003, 0.001, 0.01 * 0.25 + 0.02 + 0.01 * np.sin(0.5)]]
+    )
+    found = fields.at(Frame(0.5, ends, ends, ends, none[:2], none[:2], None)).value
+    np.testing.assert_allclose(found[:, 0], 0.0, atol=1e-12)  # where an unknown force holds it
+    np.testing.assert_allclose(found[:, 1], np.tile([0.0, 0.0, 1.0], (4, 1)), atol=1e-12)
+
+
 # --- exact motions --------------------------------------------------------------------------------
 HOMOGENEOUS = ("mooney-rivlin", "yeoh", "gent")
 INSIDE = (
@@ -141,6 +175,15 @@ def test_known_nu_ties_the_moduli(exact):
     answer = identify(made, known={"nu": lam / (2 * (lam + mu))}, weak=WeakOptions(draws=0))
     assert max(errors(answer, truth).values()) < 3e-3
     assert np.linalg.matrix_rank(answer.material.covariance, tol=1e-9) == 1
+
+
+def test_a_yield_stress_alone_is_no_known_strain(exact):
+    made, truth = recording(exact, "von-mises")
+    with pytest.raises(ValueError, match="tau_y is given while mu, lam is sought"):
+        identify(made, known={"tau_y": truth["tau_y"]})
+    moduli = {k: truth[k] for k in ("mu", "lam")}
+    answer = identify(made, known=moduli, weak=WeakOptions(draws=0))
+    assert errors(answer, truth)["tau_y"] < 5e-3
 
 
 def test_ordinary_least_squares_is_there(exact):

@@ -51,6 +51,7 @@ class Columns:
         self._T = wp.zeros((len(law.terms), n), dtype=t.mat, device=device)
         self._zero3 = wp.zeros(n, dtype=t.vec3, device=device)
         self._zero33 = wp.zeros(n, dtype=t.mat, device=device)
+        self._own = wp.zeros(0, dtype=t.real, device=device)  # no pressure is supplied
         self._unit = self._put(np.array([[1.0, 0.0, 0.0, 0.0]]), t.vec4)
 
     def _put(self, value: np.ndarray, dtype):
@@ -78,7 +79,7 @@ class Columns:
         t = self._t
         s = t.vec4(*self.law.shape_vector(values))
         kappa = t.real(values.get("kappa", 0.0))
-        inputs = [self._put(F, t.mat), self._put(L, t.mat), kappa, s, self._T]
+        inputs = [self._put(F, t.mat), self._put(L, t.mat), kappa, self._own, s, self._T]
         wp.launch(self._responses, dim=len(F), inputs=inputs, device=self.device)
         return self._T.numpy().astype(np.float64)
 

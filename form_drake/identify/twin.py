@@ -66,14 +66,12 @@ class Offset:
         own = np.array([n for n, row in enumerate(system.rows) if row in where], dtype=int)
         rows = tuple(system.rows[n] for n in own)
         share = self.share[[where[row] for row in rows]]
-        covariance = None if system.covariance is None else system.covariance[np.ix_(own, own)]
         return WeakSystem(
             system.A[own] + share,
             system.b[own],
             system.scale[own],
             system.sizes[own],
             rows,
-            covariance,
         )
 
 

@@ -152,7 +152,7 @@ def _problem(
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not own.ends:
             ends = spaced(ends, fields, len(fitted))
-        free = traction_free(shape, fields)
+        free = traction_free(fields)
         probes.append(prepared(recording, f"probe {n + 1}", fields, ends, shape, fit, free))
     return Problem.of(probes, unknowns, options.level)
 

@@ -108,7 +108,10 @@ def bulk_index(law: Law) -> int:
 
 @cache
 def responses(law: Law, decomposition: str, precision: str):
-    """Kernel (F, L, kappa, s) -> T[k, particle], Kirchhoff stress per unit of each term."""
+    """Kernel (F, L, kappa, p, s) -> T[k, particle], Kirchhoff stress per unit of each term.
+
+    The pressure p [Pa] is the law's own where its array is empty.
+    """
     t, make = types(precision), point(law, decomposition, precision)
     measure = strain(law, decomposition, precision)
     functions = tuple(term.response for term in law.terms)
@@ -118,11 +121,14 @@ def responses(law: Law, decomposition: str, precision: str):
         F: wp.array(dtype=t.mat),
         L: wp.array(dtype=t.mat),
         kappa: t.real,
+        p: wp.array(dtype=t.real),
         s: t.vec4,
         out: wp.array2d(dtype=t.mat),
     ):
         i = wp.tid()
         q = make(F[i], measure(F[i]), L[i], kappa)
+        if p.shape[0] > 0:
+            q.p = p[i]
         for k in range(wp.static(len(functions))):
             out[k, i] = wp.static(functions[k])(q, s)
 

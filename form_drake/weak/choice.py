@@ -51,8 +51,9 @@ def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarra
     most = max(MOST_ROWS // probes // sum(len(f.names) for f in fields), 2)
     if len(ends) <= most:
         return ends
-    width = float(ends[0, 1] - ends[0, 0])
-    return even(0.0, float(ends[-1, 1]), width, (ends[-1, 0] - ends[0, 0]) / (most - 1))
+    last = float(ends[-1, 1])
+    width = max(float(ends[0, 1] - ends[0, 0]), last / most)  # no time between them is left out
+    return even(0.0, last, width, (last - width) / (most - 1))
 
 
 def chosen_pressure(fitted: Sequence[tuple[Recording, Fit]], law: Law) -> Pressure:
@@ -154,13 +155,12 @@ def axial(recording: Recording, shape: Body, fit: Fit) -> list[Fields]:
         shares = [np.eye(3)[a] for a in laterals]
         time, low = _mean_face(recording, shape, fit, opposite)
         _, high = _mean_face(recording, shape, fit, face)
-        origin = 0.5 * (shape.low + shape.high)
-        origin[face.axis] = low.mean()
         found.append(
             AxialFields(
                 axis=face.axis,
-                origin=origin,
+                origin=0.5 * (shape.low + shape.high),
                 time=time,
+                start=low,
                 length=np.abs(high - low),
                 lateral=np.array(shares),
                 ramps=RAMPS,
@@ -206,7 +206,7 @@ def bend(recording: Recording, shape: Body) -> list[Fields]:
     return found
 
 
-def traction_free(shape: Body, fields: Sequence[Fields]) -> tuple[int, ...]:
+def traction_free(fields: Sequence[Fields]) -> tuple[int, ...]:
     """Both directions across a strip, where bending fields alone are used."""
     if all(isinstance(f, BendFields) for f in fields):
         (axis,) = {f.axis for f in fields if isinstance(f, BendFields)}

@@ -218,8 +218,9 @@ class AxialFields:
 
     Attributes:
         axis: the loaded axis a.
-        origin: a point of the support face on the body's axis [m], shape [3].
-        time: at which the length is given [s], shape [times].
+        origin: a point of the body's axis [m], shape [3].
+        time: at which the next two are given [s], shape [times].
+        start: coordinate of the support face along the axis [m], shape [times].
         length: of the body along the axis [m], shape [times].
         lateral: share of the contraction along every axis, shape [laterals, 3], each summing to 1.
         ramps: where f starts and ends as shares of ``length``, shape [ramps, 2].
@@ -232,6 +233,7 @@ class AxialFields:
     axis: int
     origin: np.ndarray
     time: np.ndarray
+    start: np.ndarray
     length: np.ndarray
     lateral: np.ndarray
     ramps: tuple[tuple[float, float], ...]
@@ -259,14 +261,15 @@ class AxialFields:
         return {self.tool: end}
 
     @cached_property
-    def _lengths(self) -> tuple[CubicSpline, CubicSpline]:
-        spline = CubicSpline(self.time, self.length)
+    def _ends(self) -> tuple[CubicSpline, CubicSpline]:
+        """Start and length over time, and their rates."""
+        spline = CubicSpline(self.time, np.stack([self.start, self.length], axis=-1))
         return spline, spline.derivative()
 
     def at(self, frame: Frame) -> Sampled:
         y = frame.x - self.origin
-        length, growth = (float(f(frame.time)) for f in self._lengths)
-        s = self.sign * y[:, self.axis] / length
+        (start, length), (drift, growth) = (f(frame.time) for f in self._ends)
+        s = self.sign * (frame.x[:, self.axis] - start) / length
         shape = (len(self.lateral), len(self.ramps), len(y))
         value, rate, gradient = (
             np.zeros((*shape, 3)),
@@ -276,7 +279,8 @@ class AxialFields:
         for n, (lo, hi) in enumerate(self.ramps):
             f, f1, f2 = smoothstep((s - lo) / (hi - lo))
             scale = self.sign / (length * (hi - lo))
-            late = -growth / length * s / (hi - lo)  # d/dt of the ramp's argument at fixed x
+            # d/dt of the ramp's argument at fixed x
+            late = -(growth * s + self.sign * drift) / (length * (hi - lo))
             later = (f2 * late - f1 * growth / length) * scale
             value[:, n, :, self.axis], rate[:, n, :, self.axis] = f, f1 * late
             f1, f2 = f1 * scale, f2 * scale**2

@@ -94,6 +94,8 @@ def balanced(noise: Blocks, scale: np.ndarray, A: np.ndarray, b: np.ndarray) -> 
 
 def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     """Generalised least squares with the given weights."""
+    if not A.shape[1]:  # nonlinear constants alone are sought
+        return Solution(np.zeros(0), np.zeros((0, 0)), b, 1.0, float(len(b)))
     white, target = by.white(A), by.white(b)
     length = np.linalg.norm(white, axis=0)
     safe = np.where(length > 0, length, 1.0)
@@ -101,10 +103,10 @@ def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     s = np.maximum(s, 1e-12 * max(s[0], 1e-300))
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
-    return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(by, U))
+    return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U))
 
 
-def _effective(by: Weights, U: np.ndarray) -> float:
+def _effective(U: np.ndarray) -> float:
     """Rows that carry the answer: inverse participation of the projection on the columns."""
     share = np.sum(U**2, axis=1) / U.shape[1]
     return float(1.0 / np.sum(share**2))

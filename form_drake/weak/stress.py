@@ -6,35 +6,9 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.laws.kernels import flow, point, strain, types, yield_measures
+from form_drake.laws.kernels import flow, responses, types, yield_measures
 
 PRECISION, DECOMPOSITION = "float64", "series"
-
-
-@cache
-def _pointwise(law: Law):
-    """Kernel (F, L, kappa, supplied pressure, s) -> T[k, point], Kirchhoff stress per unit."""
-    t, make = types(PRECISION), point(law, DECOMPOSITION, PRECISION)
-    measure = strain(law, DECOMPOSITION, PRECISION)
-    functions = tuple(term.response for term in law.terms)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def kernel(
-        F: wp.array(dtype=t.mat),
-        L: wp.array(dtype=t.mat),
-        kappa: t.real,
-        p: wp.array(dtype=t.real),
-        s: t.vec4,
-        out: wp.array2d(dtype=t.mat),
-    ):
-        i = wp.tid()
-        q = make(F[i], measure(F[i]), L[i], kappa)
-        if p.shape[0] > 0:
-            q.p = p[i]
-        for k in range(wp.static(len(functions))):
-            out[k, i] = wp.static(functions[k])(q, s)
-
-    return kernel
 
 
 @cache
@@ -75,7 +49,7 @@ def unit_stresses(
     p = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, dtype=float).ravel()
     kappa, s = t.real(values.get("kappa", 0.0)), t.vec4(*law.shape_vector(values))
     inputs = [_matrices(F), _matrices(L), kappa, wp.array(p, dtype=t.real, device="cpu"), s, out]
-    wp.launch(_pointwise(law), dim=n, inputs=inputs, device="cpu")
+    wp.launch(responses(law, DECOMPOSITION, PRECISION), dim=n, inputs=inputs, device="cpu")
     return out.numpy().reshape(len(law.terms), *shape, 3, 3).copy()
 
 

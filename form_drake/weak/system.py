@@ -17,13 +17,11 @@ class Row:
 
 @dataclass(frozen=True)
 class WeakSystem:
-    """A theta = b with what noise does to it; ``+`` stacks probes and specimens.
+    """A theta = b; ``+`` stacks probes and specimens.
 
     Attributes:
         A: one column for each term, shape [rows, terms] [N m s per unit].
         b: shape [rows] [N m s].
-        covariance: of the noise in b - A theta at the theta that it was made for [(N m s)^2], shape
-            [rows, rows]; None: not known.
         scale: size of the stress integral of each row, cancellation apart [N m s], shape [rows].
         sizes: the same for each column, shape [rows, terms].
         rows: labels.
@@ -34,25 +32,18 @@ class WeakSystem:
     scale: np.ndarray
     sizes: np.ndarray
     rows: tuple[Row, ...]
-    covariance: np.ndarray | None = None
 
     def __add__(self, other: "WeakSystem") -> "WeakSystem":
         if self.A.shape[1] != other.A.shape[1]:
             raise ValueError(
                 f"weak systems of {self.A.shape[1]} and {other.A.shape[1]} terms do not stack"
             )
-        covariance = None
-        if self.covariance is not None and other.covariance is not None:
-            n = len(self.b)
-            covariance = np.zeros((n + len(other.b),) * 2)
-            covariance[:n, :n], covariance[n:, n:] = self.covariance, other.covariance
         return WeakSystem(
             np.vstack([self.A, other.A]),
             np.append(self.b, other.b),
             np.append(self.scale, other.scale),
             np.vstack([self.sizes, other.sizes]),
             self.rows + other.rows,
-            covariance,
         )
 
 

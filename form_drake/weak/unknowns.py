@@ -48,7 +48,7 @@ class Unknowns:
                 act; ``supplied``: the measured one acts. Volumetric terms drop out of the last two.
 
         Raises:
-            ValueError: a constant that must be given is missing, or nothing is left to find.
+            ValueError: a yield constant is given without the moduli that turn it into a strain.
         """
         terms = [t.key for t in law.terms]
         acts = np.array([pressure == "law" or not v for v in volumetric(law)])
@@ -71,6 +71,12 @@ class Unknowns:
                 share[n] = 1.0
                 keys.append(key)
             shares.append(share)
+        bound = [k for k in law.constants("yield") if k in known]
+        if bound and keys:
+            raise ValueError(
+                f"{', '.join(bound)} is given while {', '.join(keys)} is sought: the elastic strain at"
+                " yield would not be known; give the moduli as well, or leave it to be found"
+            )
         offset = np.array([known.get(k, 0.0) for k in terms])
         searched = tuple(k for k in law.constants("shape", "yield") if k not in known)
         M = np.array(shares).reshape(-1, len(terms)).T
