@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from form_drake.mpm.simulation import Body
+from form_drake.mpm.solids import Solid
 
 
 def block(centre: Sequence[float], size: Sequence[float], spacing: float, density: float) -> Body:
@@ -28,3 +29,24 @@ def block(centre: Sequence[float], size: Sequence[float], spacing: float, densit
 def rigid_velocity(x: np.ndarray, v: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Velocities [m/s] of points moving rigidly about their centroid, shape [points, 3]."""
     return np.asarray(v) + np.cross(np.asarray(omega), x - x.mean(axis=0))
+
+
+def filled(solid: Solid, size: Sequence[float], spacing: float, density: float) -> Body:
+    """A solid filled by a cubic lattice, its volume shared out evenly.
+
+    Args:
+        solid: whose inside is filled, in its frame.
+        size: edge lengths of a centred box around it [m].
+        spacing: distance of particles [m].
+        density: [kg/m^3].
+
+    Raises:
+        ValueError: no particle fits inside.
+    """
+    fine = block((0.0, 0.0, 0.0), size, 0.5 * spacing, density)
+    coarse = block((0.0, 0.0, 0.0), size, spacing, density)
+    volume = float(fine.volume[solid.distance(fine.x) < 0.0].sum())
+    x = coarse.x[solid.distance(coarse.x) < 0.0]
+    if not len(x):
+        raise ValueError(f"no particle of spacing {spacing} m fits into the {solid.kind}")
+    return Body(x, np.full(len(x), volume / len(x)), density)

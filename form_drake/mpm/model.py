@@ -1,5 +1,6 @@
 """What is simulated: particles of a material, their state, and the time step they allow."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +17,26 @@ class Body:
     Attributes:
         x: positions at rest [m], shape [particles, 3].
         volume: reference volumes [m^3], shape [particles].
-        density: reference density [kg/m^3].
+        density: reference density [kg/m^3]; of joined bodies one for each particle.
     """
 
     x: np.ndarray
     volume: np.ndarray
-    density: float
+    density: float | np.ndarray
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Of every particle [kg], shape [particles]."""
+        return np.broadcast_to(self.volume, len(self.x)) * self.density
+
+
+def joined(bodies: Sequence[Body]) -> Body:
+    """The particles of several bodies, one body after the other."""
+    if len(bodies) == 1:
+        return bodies[0]
+    density = np.concatenate([np.full(len(b.x), b.density) for b in bodies])
+    volume = np.concatenate([np.broadcast_to(b.volume, len(b.x)) for b in bodies])
+    return Body(np.concatenate([b.x for b in bodies]), volume, density)
 
 
 @dataclass(frozen=True)

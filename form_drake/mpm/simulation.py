@@ -2,14 +2,15 @@
 
 import math
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, update
-from form_drake.mpm.model import CFL, Body, State, stable_dt
+from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
+from form_drake.mpm.tools import Tool, Tools, decay
 from form_drake.mpm.transfer import g2p, p2g
 from form_drake.mpm.walls import fold_kernels, fold_tables, grid_step, separating_bounds
 from form_drake.records.solver import Solver
@@ -26,23 +27,44 @@ class BlowUp(ValueError):
 
 
 class Simulation:
-    """One body of one law on one grid.
+    """Bodies, each of its own law, and rigid tools on one grid.
+
+    Args:
+        solver: grid, step and walls.
+        law: of the body, or one for each body.
+        body: one or several; their particles are held one body after the other.
+        tools: that touch or hold the particles.
+        device: Warp device.
 
     Several simulations may run in as many threads, since Warp releases the interpreter lock while
     a graph of steps runs; make them before the threads start, since making one records its graphs.
     """
 
-    def __init__(self, solver: Solver, law: Law, body: Body, *, device: str = "cpu"):
-        self.solver, self.law, self.body, self.device = solver, law, body, device
+    def __init__(
+        self,
+        solver: Solver,
+        law: Law | Sequence[Law],
+        body: Body | Sequence[Body],
+        *,
+        tools: Sequence[Tool] = (),
+        device: str = "cpu",
+    ):
+        self.solver, self.device = solver, device
+        self.laws = (law,) if isinstance(law, Law) else tuple(law)
+        self.bodies = (body,) if isinstance(body, Body) else tuple(body)
+        if len(self.laws) != len(self.bodies) or not self.bodies:
+            raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
+        self.body = joined(self.bodies)
+        self.tools = Tools(tuple(tools), solver.precision, device)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
         self._kernels = (
             p2g(solver.gradient, solver.precision),
             g2p(solver.gradient, solver.precision),
-            update(law, solver.decomposition, solver.precision),
         )
-        self._values: dict[str, float] | None = None
+        self._values: list[dict[str, float] | None] = [None] * len(self.bodies)
         self._dt = 0.0
+        self._held: State | None = None
         self._allocate()
         if solver.dt is not None:
             self._set_dt(solver.dt)
@@ -54,17 +76,19 @@ class Simulation:
 
     def _allocate(self) -> None:
         t, solver, n = self._t, self.solver, len(self.body.x)
-        volume = np.broadcast_to(self.body.volume, n)
-        self._mass = self._array(volume * self.body.density, t.real)
+        volume = self.body.volume
+        self._mass = self._array(self.body.mass, t.real)
         self._volume = self._array(volume, t.real)
+        self._radius = self._array(0.5 * np.cbrt(volume), t.real)
         self._x = self._array(self.body.x, t.vec3)
         self._v = wp.zeros_like(self._x)
         self._C = wp.zeros(n, dtype=t.mat, device=self.device)
         self._L = self._C if solver.gradient == "mls" else wp.zeros_like(self._C)
         self._F = self._array(np.tile(np.eye(3), (n, 1, 1)), t.mat)
         self._tau = wp.zeros_like(self._C)
-        self._theta = wp.zeros(len(self.law.terms), dtype=t.real, device=self.device)
-        self._constants = wp.zeros(2, dtype=t.vec4, device=self.device)
+        self._theta = [wp.zeros(len(w.terms), dtype=t.real, device=self.device) for w in self.laws]
+        self._constants = [wp.zeros(2, dtype=t.vec4, device=self.device) for _ in self.laws]
+        self._damping = wp.zeros(1, dtype=t.real, device=self.device)
         self._clock = wp.zeros(1, dtype=t.vec4, device=self.device)
         self._fault = wp.full(2, -1, dtype=int, device=self.device)
         self._steps = wp.zeros(1, dtype=int, device=self.device)
@@ -96,15 +120,20 @@ class Simulation:
         self._dt = dt
         self._clock.assign(np.array([[dt, *self.solver.gravity]], dtype=self._dtype))
 
-    def set_material(self, values: Values) -> None:
-        """Give every parameter of the law a value (SI units)."""
-        missing = [k for k in self.law.keys if k not in values]
+    def set_material(self, values: Values, body: int = 0) -> None:
+        """Give every parameter of a body's law a value (SI units)."""
+        law = self.laws[body]
+        missing = [k for k in law.keys if k not in values]
         if missing:
-            raise ValueError(f"{self.law.name} needs a value for {', '.join(missing)}")
-        self._values = dict(values)
-        self._theta.assign(self.law.theta(values).astype(self._dtype))
-        vectors = np.stack([self.law.shape_vector(values), self.law.radius_vector(values)])
-        self._constants.assign(vectors.astype(self._dtype))
+            raise ValueError(f"{law.name} needs a value for {', '.join(missing)}")
+        self._values[body] = dict(values)
+        self._theta[body].assign(law.theta(values).astype(self._dtype))
+        vectors = np.stack([law.shape_vector(values), law.radius_vector(values)])
+        self._constants[body].assign(vectors.astype(self._dtype))
+
+    def set_damping(self, rate: float) -> None:
+        """Let velocities decay at a rate [1/s], as for settling; 0 from the start."""
+        self._damping.fill_(rate)
 
     def reset(self, x: np.ndarray, v: np.ndarray, **state: np.ndarray) -> None:
         """Start from positions and velocities, at rest shape unless C, L, F are given."""
@@ -112,6 +141,7 @@ class Simulation:
         eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
         C = state.get("C", zero)
         self._write(x=x, v=v, C=C, L=state.get("L", C), F=state.get("F", eye))
+        self.tools.reset()
         self._steps.zero_()
         self._fault.fill_(-1)
         self._project.zero_()
@@ -119,22 +149,28 @@ class Simulation:
         self._project.fill_(1)
 
     def _write(self, **arrays: np.ndarray) -> None:
+        self._held = None
         for name, value in arrays.items():
             target = getattr(self, "_" + name)
             target.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
     def state(self) -> State:
-        """Snapshot of everything that the next step reads."""
-        arrays = {
-            k: getattr(self, "_" + k).numpy().copy() for k in ("x", "v", "C", "L", "F", "tau")
-        }
-        return State(**arrays, step=int(self._steps.numpy()[0]))
+        """Snapshot of everything that the next step reads; its arrays are not written again."""
+        if self._held is None:
+            arrays = {
+                k: getattr(self, "_" + k).numpy().copy() for k in ("x", "v", "C", "L", "F", "tau")
+            }
+            self._held = State(**arrays, step=int(self._steps.numpy()[0]))
+        return self._held
 
     def restore(self, state: State) -> None:
         """Continue from a snapshot, bit for bit on the CPU."""
+        if state is self._held:
+            return
         self._write(**{k: getattr(state, k) for k in ("x", "v", "C", "L", "F", "tau")})
         self._steps.fill_(state.step)
         self._fault.fill_(-1)
+        self._held = state
 
     @property
     def dt(self) -> float:
@@ -155,8 +191,15 @@ class Simulation:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device)
 
     def _launch_update(self) -> None:
-        inputs = [self._project, self._F, self._L, self._theta, self._constants, self._tau]
-        self._launch(self._kernels[2], len(self.body.x), inputs)
+        solver, start = self.solver, 0
+        for law, body, theta, constants in zip(
+            self.laws, self.bodies, self._theta, self._constants, strict=True
+        ):
+            own = slice(start, start + len(body.x))
+            start = own.stop
+            inputs = [self._project, self._F[own], self._L[own], theta, constants, self._tau[own]]
+            kernel = update(law, solver.decomposition, solver.precision)
+            self._launch(kernel, len(body.x), inputs)
 
     def _launch_walls(self) -> None:
         precision, nodes = self.solver.precision, self._nodes
@@ -179,11 +222,18 @@ class Simulation:
 
     def _launch_step(self) -> None:
         n, dx = len(self.body.x), self._t.real(self.solver.dx)
-        scatter, gather, _ = self._kernels
+        scatter, gather = self._kernels
         self._grid.zero_()
+        if self.tools.tools:
+            self._launch(
+                decay(self.solver.precision), n, [self._clock, self._damping, self._v, self._C]
+            )
+            self.tools.push(self._clock, self._x, self._v, self._mass, self._radius)
         particles = [self._x, self._v, self._C, self._tau, self._mass, self._volume]
         self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
         self._launch_walls()
+        if self.tools.tools:
+            self.tools.hold(self._clock, dx, self._nodes, self._grid)
         held = self.solver.margin is not None
         domain = [self._grid, self._clock, dx, self._nodes, self._low, self._high, held]
         moved = [self._x, self._v, self._C, self._L, self._F, self._fault, self._steps]
@@ -206,10 +256,11 @@ class Simulation:
             ValueError: there is no material, or no dt yet.
             BlowUp: a particle is not finite or left the domain.
         """
-        if self._values is None:
-            raise ValueError("the simulation has no material yet: call set_material first")
+        if None in self._values:
+            raise ValueError("a body has no material yet: call set_material first")
         if steps and not self._dt:
             raise ValueError("the solver states no dt: use advance, which chooses one")
+        self._held = None
         for _ in range(steps // GRAPH_STEPS):
             wp.capture_launch(self._graphs[GRAPH_STEPS])
         for _ in range(steps % GRAPH_STEPS):
@@ -220,7 +271,7 @@ class Simulation:
         particle, step = (int(i) for i in self._fault.numpy())
         if particle < 0:
             return
-        limit = stable_dt(self.law, self._values, self.body.density, self.solver.dx, cfl=1.0)
+        limit = self._stable_dt(cfl=1.0)
         cause = "a wall is missing or the body is thrown out of the grid"
         if self._dt > limit:
             cause = f"the time step {self._dt:.3g} s exceeds the stability limit {limit:.3g} s"
@@ -251,11 +302,17 @@ class Simulation:
             self.step(min(steps, GRAPH_STEPS))
             duration = (steps - GRAPH_STEPS) * self._dt
 
+    def _stable_dt(self, speed: float = 0.0, cfl: float = CFL) -> float:
+        """The smallest ``stable_dt`` of the bodies [s]."""
+        dx = self.solver.dx
+        parts = zip(self.laws, self._values, self.bodies, strict=True)
+        return min(stable_dt(law, v, body.density, dx, speed, cfl) for law, v, body in parts)
+
     def _limit(self) -> float:
         """Time step [s] that stays stable while gravity acts for ``GRAPH_STEPS`` steps."""
         fastest = float(np.sqrt(np.max(np.sum(self._v.numpy() ** 2, axis=1), initial=0.0)))
         dx, g = self.solver.dx, float(np.linalg.norm(self.solver.gravity))
-        limit = stable_dt(self.law, self._values, self.body.density, dx, fastest)
+        limit = self._stable_dt(fastest)
         # dt (CFL dx / limit + GRAPH_STEPS g dt) = CFL dx
         gain = GRAPH_STEPS * g * limit**2 / (CFL * dx)
         return 2.0 * limit / (1.0 + math.sqrt(1.0 + 4.0 * gain))

@@ -1,0 +1,139 @@
+"""Bodies among moving tools, advanced from snapshot to snapshot in world coordinates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from form_drake.material import Material
+from form_drake.mpm.model import Body, State
+from form_drake.mpm.simulation import Simulation
+from form_drake.mpm.tools import Motions, Tool
+from form_drake.records.solver import Solver
+
+TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
+EDGE = 3  # cells of the grid beyond the region that particles may visit
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Bodies at one time, and what the tools got on the way there; never written again.
+
+    Attributes:
+        state: of the particles, in the grid's coordinates.
+        force: mean force on every tool since the snapshot before [N], shape [tools, 3].
+        moment: mean moment about its origin [N m], shape [tools, 3].
+        p_WQ: positions of the particles in the world [m], shape [particles, 3].
+    """
+
+    state: State
+    force: np.ndarray
+    moment: np.ndarray
+    p_WQ: np.ndarray
+
+    def __deepcopy__(self, memo: object) -> "Snapshot":
+        return self
+
+
+class Scene:
+    """Bodies of materials among rigid tools.
+
+    Args:
+        materials: of the bodies, with density.
+        bodies: particles in world coordinates [m]; densities are those of the materials.
+        tools: that touch or hold them.
+        region: lower and upper corner of where particles may go [m], shape [2, 3].
+        dx: grid spacing [m].
+        gravity: [m/s^2], shape [3].
+        mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
+            time steps.
+        precision: ``float32`` or ``float64``.
+        device: Warp device.
+
+    Raises:
+        ValueError: a material without density, or bodies that lie beyond the region or in a tool.
+    """
+
+    def __init__(
+        self,
+        materials: Sequence[Material],
+        bodies: Sequence[Body],
+        tools: Sequence[Tool],
+        *,
+        region: np.ndarray,
+        dx: float,
+        gravity: np.ndarray,
+        mass_scale: float = 1.0,
+        precision: str = "float32",
+        device: str = "cpu",
+    ):
+        low, high = np.asarray(region, dtype=float)
+        self.corner = low - EDGE * dx
+        nodes = np.ceil((high - low) / dx).astype(int) + 2 * EDGE + 1
+        for body in bodies:
+            if not np.all((body.x >= low) & (body.x <= high)):
+                raise ValueError(
+                    f"material from {body.x.min(0).round(4)} to {body.x.max(0).round(4)} m reaches"
+                    f" out of the region from {low} to {high} m: enlarge the region"
+                )
+        self.rest = np.concatenate([b.x for b in bodies])
+        solver = Solver(
+            dx=dx,
+            nodes=tuple(int(n) for n in nodes),
+            precision=precision,
+            gravity=tuple(float(g) / mass_scale for g in gravity),
+        )
+        moved = []
+        for material, body in zip(materials, bodies, strict=True):
+            if material.density is None:
+                raise ValueError(f"a material of law {material.law.name} states no density")
+            density = material.density * mass_scale
+            moved.append(replace(body, x=body.x - self.corner, density=density))
+        self.simulation = Simulation(
+            solver, [m.law for m in materials], moved, tools=tools, device=device
+        )
+        for n, material in enumerate(materials):
+            self.simulation.set_material(material.values, n)
+
+    @property
+    def tools(self) -> tuple[Tool, ...]:
+        return self.simulation.tools.tools
+
+    def start(self) -> Snapshot:
+        """The bodies in their rest shapes, at rest."""
+        body = self.simulation.body
+        self.simulation.reset(body.x, np.zeros_like(body.x))
+        none = np.zeros((len(self.tools), 3))
+        return Snapshot(self.simulation.state(), none, none, self.rest)
+
+    def overlaps(self, motions: Motions) -> dict[str, float]:
+        """How deep particles at rest lie inside the tools that touch them [m], by tool."""
+        found = {}
+        radius = 0.5 * np.cbrt(self.simulation.body.volume).max()
+        for n, tool in enumerate(self.tools):
+            local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
+            depth = radius - float(tool.solid.distance(local).min())
+            if tool.contact != "bonded" and depth > TOUCH * radius:
+                found[tool.name] = depth
+        return found
+
+    def advance(
+        self, start: Snapshot, motions: Motions, duration: float, damping: float = 0.0
+    ) -> Snapshot:
+        """The bodies a time [s] later, the tools going on as they move at its begin.
+
+        Args:
+            start: where the bodies are; any earlier snapshot of this scene.
+            motions: of the tools in the world at its time.
+            duration: [s].
+            damping: rate at which velocities decay [1/s].
+        """
+        simulation = self.simulation
+        simulation.restore(start.state)
+        simulation.set_damping(damping)
+        simulation.tools.move(replace(motions, p_WT=motions.p_WT - self.corner))
+        simulation.tools.reset()
+        simulation.advance(duration)
+        force, moment = (j / duration for j in simulation.tools.impulses())
+        state = simulation.state()
+        return Snapshot(state, force, moment, state.x + self.corner)

@@ -1,0 +1,272 @@
+"""Rigid tools that touch or hold the material, and the impulses that pass between them.
+
+A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
+into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, never
+pulling, and along the surface what stops the sliding, up to Coulomb's bound. A bonded tool prescribes the velocity of the grid
+nodes inside it. Every impulse given to the material is taken from the tool, so that momentum is
+kept to round-off.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+import warp as wp
+
+from form_drake.laws.kernels import types
+from form_drake.mpm.solids import Solid, distance, solid_type
+
+# Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
+# load, a small one is a soft surface; 1 lets what hits the tool bounce back.
+BETA = 0.75
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A rigid tool T in the grid's frame W.
+
+    Attributes:
+        name: of the tool.
+        solid: its shape, in its frame T.
+        contact: Coulomb's coefficient (0: frictionless), ``stick`` or ``bonded``.
+    """
+
+    name: str
+    solid: Solid
+    contact: float | Literal["stick", "bonded"] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.contact in ("stick", "bonded"):
+            return
+        if isinstance(self.contact, str) or not 0.0 <= self.contact < np.inf:
+            raise ValueError(
+                f"tool {self.name}: contact {self.contact!r}; allowed are a coefficient of at least"
+                " 0, stick and bonded"
+            )
+
+
+@dataclass(frozen=True)
+class Motions:
+    """How tools move, each about the origin of its frame.
+
+    Attributes:
+        p_WT: places [m], shape [tools, 3].
+        R_WT: orientations, shape [tools, 3, 3].
+        v_WT: velocities [m/s], shape [tools, 3].
+        w_WT: angular velocities [rad/s], shape [tools, 3].
+    """
+
+    p_WT: np.ndarray
+    R_WT: np.ndarray
+    v_WT: np.ndarray
+    w_WT: np.ndarray
+
+    @classmethod
+    def at_rest(cls, p_WT: np.ndarray) -> "Motions":
+        """Unturned tools at rest at places [m], shape [tools, 3]."""
+        p = np.atleast_2d(np.asarray(p_WT, dtype=float))
+        return cls(p, np.tile(np.eye(3), (len(p), 1, 1)), np.zeros_like(p), np.zeros_like(p))
+
+
+class Tools:
+    """The tools of one simulation on its device: where they are, and what they have been given."""
+
+    def __init__(self, tools: tuple[Tool, ...], precision: str, device: str):
+        self.tools, self.device, self._precision = tools, device, precision
+        t = types(precision)
+        n = len(tools)
+        self._dtype = np.float32 if precision == "float32" else np.float64
+        self._place = wp.zeros(n, dtype=t.vec3, device=device)
+        self._turn = wp.zeros(n, dtype=t.mat, device=device)
+        self._speed, self._spin = wp.zeros_like(self._place), wp.zeros_like(self._place)
+        self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
+        self._solids = [tool.solid.struct(precision, device) for tool in tools]
+        self.move(Motions.at_rest(np.full((n, 3), 1e3)))
+
+    def move(self, motions: Motions) -> None:
+        """Set places and velocities; from there on every step carries the tools on."""
+        for target, value in zip(self._where(), vars(motions).values(), strict=True):
+            target.assign(np.ascontiguousarray(value, dtype=self._dtype))
+
+    def impulses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Impulse [N s] on every tool and its moment [N m s] about the tool's origin, so far.
+
+        Returns:
+            Arrays of shape [tools, 3] in W.
+        """
+        taken = self._taken.numpy()
+        return taken[:, 0].copy(), taken[:, 1].copy()
+
+    def reset(self) -> None:
+        """Count impulses from zero on."""
+        self._taken.zero_()
+
+    def push(self, clock, x, v, mass, radius) -> None:
+        """Launch what the touching tools do to the particles before a step."""
+        for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
+            if tool.contact != "bonded":
+                friction = -1.0 if tool.contact == "stick" else float(tool.contact)
+                inputs = [n, solid, *self._where(), clock, friction]
+                inputs += [x, v, mass, radius, self._taken]
+                wp.launch(contact(self._precision), len(x), inputs, device=self.device)
+
+    def hold(self, clock, dx, nodes, grid) -> None:
+        """Launch what the bonded tools do to the nodes after forces, then carry all tools on."""
+        for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
+            if tool.contact == "bonded":
+                inputs = [n, solid, *self._where(), dx, nodes, grid, self._taken]
+                wp.launch(bond(self._precision), len(grid), inputs, device=self.device)
+        inputs = [*self._where(), clock]
+        wp.launch(carry(self._precision), len(self.tools), inputs, device=self.device)
+
+    def _where(self) -> list:
+        return [self._place, self._turn, self._speed, self._spin]
+
+
+def _give(precision: str):
+    """Warp function that takes an impulse j at r from tool n."""
+    t = types(precision)
+
+    @wp.func
+    def give(taken: wp.array2d(dtype=wp.vec3d), n: int, r: t.vec3, j: t.vec3):
+        m = wp.cross(r, j)
+        wp.atomic_add(taken, n, 0, wp.vec3d(wp.float64(j[0]), wp.float64(j[1]), wp.float64(j[2])))
+        wp.atomic_add(taken, n, 1, wp.vec3d(wp.float64(m[0]), wp.float64(m[1]), wp.float64(m[2])))
+
+    return give
+
+
+@cache
+def contact(precision: str):
+    """Kernel of the impulses between the particles and one tool."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+    beta = wp.constant(real(BETA))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        solid: Struct,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+        friction: real,
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        mass: wp.array(dtype=real),
+        radius: wp.array(dtype=real),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        p = wp.tid()
+        r = x[p] - place[n]
+        near = far(solid, wp.transpose(turn[n]) * r)
+        depth = radius[p] - near[3]
+        dt = clock[0][0]
+        if depth <= real(0.0) or dt <= real(0.0):
+            return
+        normal = turn[n] * vec3(near[0], near[1], near[2])
+        u = v[p] - speed[n] - wp.cross(spin[n], r)
+        along = wp.dot(normal, u)
+        push = beta * depth / dt - along
+        if push <= real(0.0):
+            return
+        sliding = u - along * normal
+        size = wp.length(sliding)
+        stop = size
+        if friction >= real(0.0):
+            stop = wp.min(stop, friction * push)
+        change = push * normal
+        if size > real(0.0):
+            change -= (stop / size) * sliding
+        v[p] = v[p] + change
+        give(taken, n, r, -mass[p] * change)
+
+    return kernel
+
+
+@cache
+def bond(precision: str):
+    """Kernel that moves the nodes inside one tool with it."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        solid: Struct,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        dx: real,
+        nodes: wp.vec3i,
+        grid: wp.array(dtype=t.vec4),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        i = wp.tid()
+        node = grid[i]
+        if node[3] <= real(0.0):
+            return
+        c = i % nodes[2]
+        b = (i / nodes[2]) % nodes[1]
+        a = i / (nodes[1] * nodes[2])
+        r = dx * vec3(real(a), real(b), real(c)) - place[n]
+        if far(solid, wp.transpose(turn[n]) * r)[3] > real(0.0):
+            return
+        u = speed[n] + wp.cross(spin[n], r)
+        give(taken, n, r, node[3] * (vec3(node[0], node[1], node[2]) - u))
+        grid[i] = t.vec4(u[0], u[1], u[2], node[3])
+
+    return kernel
+
+
+@cache
+def carry(precision: str):
+    """Kernel that moves every tool by one step of its motion."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+    ):
+        n = wp.tid()
+        dt = clock[0][0]
+        place[n] = place[n] + dt * speed[n]
+        angle = dt * wp.length(spin[n])
+        if angle > real(0.0):
+            K = wp.skew(wp.normalize(spin[n]))
+            R = turn[n]
+            turn[n] = R + wp.sin(angle) * (K * R) + (real(1.0) - wp.cos(angle)) * (K * (K * R))
+
+    return kernel
+
+
+@cache
+def decay(precision: str):
+    """Kernel that lets velocities and their gradients decay at a rate [1/s]."""
+    t = types(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        clock: wp.array(dtype=t.vec4),
+        rate: wp.array(dtype=t.real),
+        v: wp.array(dtype=t.vec3),
+        C: wp.array(dtype=t.mat),
+    ):
+        p = wp.tid()
+        if rate[0] > t.real(0.0):
+            left = wp.exp(-rate[0] * clock[0][0])
+            v[p] = left * v[p]
+            C[p] = left * C[p]
+
+    return kernel

@@ -1,0 +1,161 @@
+"""Soft bodies in a Drake diagram: exchange of momentum, the Context, what is refused."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from form_drake.laws import LAWS
+from form_drake.material import Material
+from form_drake.systems.material import AddMaterial, particles
+from form_drake.systems.shapes import solid
+
+G = np.array([0.0, 0.0, -9.81])
+STEP = 1e-3
+EDGE = 0.03
+MASS = 0.05
+SOFT = Material(LAWS["fixed-corotated"], {"mu": 30e3, "lam": 45e3}, density=1000.0)
+
+
+def on_the_floor(*, drop=0.0, sampled=False, finalize=True, **options):
+    """A soft cube on a floor under a falling ball, in a plant of its own."""
+    builder = DiagramBuilder()
+    config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=sampled)
+    plant, scene_graph = AddMultibodyPlant(config, builder)
+    rough = CoulombFriction(0.4, 0.4)
+    floor = Box(1.0, 1.0, 0.1)
+    below = RigidTransform([0, 0, -0.05])
+    plant.RegisterCollisionGeometry(plant.world_body(), below, floor, "floor", rough)
+    ball = plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(MASS, 0.01))
+    plant.RegisterCollisionGeometry(ball, RigidTransform(), Sphere(0.01), "ball", rough)
+    if finalize:
+        plant.Finalize()
+    options = {"dx": 5e-3, "precision": "float64"} | options
+    X_WM = RigidTransform([0.0, 0.0, EDGE / 2])
+    cube = Box(EDGE, EDGE, EDGE)
+    system = AddMaterial(builder, plant, scene_graph, SOFT, cube, X_WM, **options)
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    own = plant.GetMyMutableContextFromRoot(context)
+    plant.SetFreeBodyPose(own, ball, RigidTransform([0.003, 0.0, EDGE + 0.011 + drop]))
+    simulator.Initialize()
+    return simulator, plant, system
+
+
+def momentum(simulator, plant, system):
+    """Of the material and of the ball [N s]."""
+    context = simulator.get_context()
+    scene = system.scene
+    v = system.snapshot(system.GetMyContextFromRoot(context)).state.v
+    soft = (scene.simulation.body.mass[:, None] * v).sum(axis=0)
+    own = plant.GetMyContextFromRoot(context)
+    ball = plant.EvalBodySpatialVelocityInWorld(own, plant.GetBodyByName("ball"))
+    return soft, MASS * ball.translational()
+
+
+def test_momentum_of_the_whole_diagram():
+    """Material, ball and floor exchange what gravity brings, without a lag, to round-off."""
+    simulator, plant, system = on_the_floor()
+    weight = (MASS + 1000.0 * EDGE**3) * G
+    floor = np.zeros(3)
+    start, largest = sum(momentum(simulator, plant, system)), 0.0
+    for k in range(150):
+        simulator.AdvanceTo((k + 1) * STEP)
+        context = system.GetMyContextFromRoot(simulator.get_context())
+        floor += STEP * system.GetOutputPort("world.wrench").Eval(context)[3:]
+        ball = system.GetOutputPort("ball.wrench").Eval(context)[3:]
+        largest = max(largest, np.abs(ball).max())
+        gained = sum(momentum(simulator, plant, system)) - start
+        assert gained + floor == pytest.approx((k + 1) * STEP * weight, abs=1e-9 * 0.1)
+    assert largest > 2.0 * MASS * 9.81  # the ball did land on it
+
+
+def test_the_floor_carries_the_weight_at_rest():
+    simulator, _, system = on_the_floor(drop=0.2, settle=(300.0, 0.1))
+    simulator.AdvanceTo(0.1)
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    wrench = system.GetOutputPort("world.wrench").Eval(context)
+    assert wrench[3:] == pytest.approx(1000.0 * EDGE**3 * G, rel=0.01, abs=2e-3)
+    assert wrench[:3] == pytest.approx(0.0, abs=1e-4)  # it rests about the origin
+
+
+def test_clone_rewind_and_replay():
+    """A cloned Context goes on to the very same particles, whatever ran in between."""
+    simulator, _, system = on_the_floor()
+    simulator.AdvanceTo(0.04)
+    kept = simulator.get_context().Clone()
+    simulator.AdvanceTo(0.08)
+    first = system.snapshot(system.GetMyContextFromRoot(simulator.get_context()))
+    again = Simulator(simulator.get_system(), kept)
+    again.Initialize()
+    again.AdvanceTo(0.08)
+    second = system.snapshot(system.GetMyContextFromRoot(kept))
+    for name in ("x", "v", "C", "F", "tau"):
+        assert np.array_equal(getattr(first.state, name), getattr(second.state, name)), name
+    assert np.array_equal(first.force, second.force)
+    fresh = simulator.get_system().CreateDefaultContext()
+    assert np.array_equal(
+        system.snapshot(system.GetMyContextFromRoot(fresh)).p_WQ, system.scene.rest
+    )
+
+
+def test_wrench_is_about_the_body_not_the_geometry():
+    """The floor's geometry hangs 5 cm below the world's origin: the moment is about the latter."""
+    simulator, _, system = on_the_floor()
+    simulator.AdvanceTo(0.06)
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    snapshot = system.snapshot(context)
+    (n,) = (i for i, t in enumerate(system.touching) if t.name == "world")
+    expected = snapshot.moment[n] + np.cross([0.0, 0.0, -0.05], snapshot.force[n])
+    wrench = system.GetOutputPort("world.wrench").Eval(context)
+    assert wrench == pytest.approx([*expected, *snapshot.force[n]], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [Capsule(0.01, 0.02), Ellipsoid(0.01, 0.02, 0.015), Cylinder(0.01, 0.03)],
+    ids=lambda s: type(s).__name__,
+)
+def test_drake_shapes_as_solids(shape):
+    """Volumes of the particles inside, against the closed forms."""
+    volumes = {
+        Capsule: np.pi * 1e-4 * 0.02 + 4 / 3 * np.pi * 1e-6,
+        Ellipsoid: 4 / 3 * np.pi * 3e-6,
+        Cylinder: np.pi * 1e-4 * 0.03,
+    }
+    X_WM = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.1, 0.2, 0.3])
+    body = particles(shape, X_WM, 1.5e-3)
+    assert body.volume.sum() == pytest.approx(volumes[type(shape)], rel=0.02)
+    assert body.x.mean(axis=0) == pytest.approx([0.1, 0.2, 0.3], abs=1e-5)
+
+
+def test_convex_hull_of_a_file(tmp_path):
+    path = tmp_path / "tetrahedron.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    made = solid(Convex(str(path), 0.03), 1e-3)
+    inside, outside = [[0.004] * 3], [[0.02] * 3]
+    assert made.distance(np.array(inside))[0] < 0 < made.distance(np.array(outside))[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"sampled": True}, "SetUseSampledOutputPorts"),
+        ({"finalize": False}, "Finalize"),
+        ({"contact": {"plate": 0.1}}, "plate"),
+        ({"drop": -0.005}, "ball by 3.9 mm"),
+        ({"region": np.array([[-0.01] * 3, [0.01] * 3])}, "enlarge the region"),
+    ],
+)
+def test_what_does_not_fit_is_refused(options, said):
+    with pytest.raises(ValueError, match=said):
+        on_the_floor(**options)
+
+
+def test_half_space_cannot_be_filled():
+    with pytest.raises(ValueError, match="half-space"):
+        particles(HalfSpace(), RigidTransform(), 1e-3)

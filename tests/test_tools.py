@@ -1,0 +1,252 @@
+"""Rigid tools in the material point method: shapes, impulses, friction, holding."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from form_drake.laws import LAWS
+from form_drake.material import Material
+from form_drake.mpm.bodies import block, filled
+from form_drake.mpm.exchange import Scene
+from form_drake.mpm.model import stable_dt
+from form_drake.mpm.simulation import Simulation
+from form_drake.mpm.solids import Solid
+from form_drake.mpm.tools import Motions, Tool
+from form_drake.records.solver import Solver
+
+DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
+DX = 5e-3
+SIZE = np.array([0.03, 0.03, 0.025])
+SOFT = {"mu": 30.8e3, "lam": 46.2e3}
+G = 9.81
+
+
+def meshed(solid):
+    if solid.kind == "box":
+        made = trimesh.creation.box(2.0 * solid.size)
+    elif solid.kind == "sphere":
+        made = trimesh.creation.icosphere(subdivisions=5, radius=solid.size[0])
+    else:
+        made = trimesh.creation.cylinder(solid.size[0], 2.0 * solid.size[2], sections=256)
+    return Solid.mesh(made.vertices, made.faces, 1e-3)
+
+
+SOLIDS = (Solid.box([0.02, 0.03, 0.04]), Solid.cylinder(0.01, 0.016), Solid.sphere(0.012))
+
+
+@pytest.mark.parametrize("solid", SOLIDS, ids=lambda s: s.kind)
+def test_baked_mesh_is_the_shape(solid):
+    """A mesh's distance agrees with the exact one where particles touch."""
+    rng = np.random.default_rng(0)
+    p = rng.uniform(-1.3, 1.3, (4000, 3)) * solid.size
+    exact = solid.distance(p)
+    near = np.abs(exact) < 3e-3
+    assert near.sum() > 300
+    error = np.abs(meshed(solid).distance(p) - exact)[near]
+    assert np.median(error) < 2e-5
+    assert error.max() < 4e-4  # beside edges: a fraction of the 1 mm cells
+
+
+def test_distance_is_the_nearest_point():
+    """Against the distance to points sampled on the surface, and its sign inside."""
+    solid = Solid.cylinder(0.01, 0.03)
+    surface = trimesh.creation.cylinder(0.01, 0.03, sections=512)
+    points, _ = trimesh.sample.sample_surface(surface, 60000, seed=0)
+    p = np.random.default_rng(1).uniform(-0.025, 0.025, (200, 3))
+    nearest = np.min(np.linalg.norm(p[:, None] - points[None], axis=2), axis=1)
+    inside = (np.hypot(p[:, 0], p[:, 1]) < 0.01) & (np.abs(p[:, 2]) < 0.015)
+    assert solid.distance(p) == pytest.approx(np.where(inside, -nearest, nearest), abs=3e-4)
+
+
+def test_filled_keeps_the_volume():
+    body = filled(Solid.sphere(0.01), [0.02] * 3, 1e-3, 1000.0)
+    assert body.volume.sum() == pytest.approx(4 / 3 * np.pi * 1e-6, rel=0.01)
+    assert np.linalg.norm(body.x, axis=1).max() < 0.01
+
+
+def pressed(tools, motion, *, steps, device="cpu", law="fixed-corotated", values=SOFT, v=None):
+    """A block among tools on a fine step; the simulation and its momentum over the steps."""
+    n = (48, 16, 16)
+    centre = np.array([0.04, 0.04, 0.02 + SIZE[2] / 2])
+    body = block(centre, SIZE, DX / 2, 1000.0)
+    dt = 0.5 * stable_dt(LAWS[law], values, 1000.0, DX)
+    solver = Solver(dx=DX, nodes=n, dt=dt, precision="float64", gravity=(0.0, 0.0, -G))
+    made = Simulation(solver, LAWS[law], body, tools=tools, device=device)
+    made.set_material(values)
+    made.reset(body.x, np.zeros_like(body.x) if v is None else np.tile(v, (len(body.x), 1)))
+    made.tools.move(motion)
+    made.step(steps)
+    return made
+
+
+def at(*places, **velocity):
+    made = Motions.at_rest(places)
+    return replace(made, **{k: np.asarray(v, dtype=float) for k, v in velocity.items()})
+
+
+FLOOR = (0.0, 0.0, 0.02)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_momentum_with_tools(device):
+    """What the material gains, its tools lose; angular momentum too, about any point."""
+    tools = (
+        Tool("floor", Solid.half_space(), 0.4),
+        Tool("ball", Solid.sphere(0.01), "stick"),
+        Tool("clamp", Solid.box([0.01, 0.05, 0.05]), "bonded"),
+    )
+    place = [FLOOR, (0.045, 0.04, 0.053), (0.055, 0.04, 0.035)]
+    moving = at(
+        *place,
+        v_WT=[[0, 0, 0], [0.05, 0, -0.2], [0.1, 0.0, 0.05]],
+        w_WT=[[0, 0, 0], [3.0, -5.0, 2.0], [0.0, 2.0, 0.0]],
+    )
+    made = pressed(tools, moving, steps=60, device=device)
+    mass, duration = made.body.mass, 60 * made.dt
+    momentum = (mass[:, None] * made.v).sum(axis=0)
+    given, _ = made.tools.impulses()
+    weight = mass.sum() * duration * np.array([0.0, 0.0, -G])
+    scale = np.abs(given).max()
+    assert np.all(np.abs(given).max(axis=1) > 1e-3 * scale)  # every tool does touch
+    assert momentum + given.sum(axis=0) - weight == pytest.approx(0.0, abs=1e-12 * scale)
+
+
+def test_moment_is_taken_about_the_origin_of_the_tool():
+    """The same floor stated with its origin elsewhere has the moment that the shift makes."""
+    moved = np.array([0.03, -0.02, 0.02])
+    moments, forces = [], []
+    for origin in (np.array(FLOOR), moved):
+        made = pressed((Tool("floor", Solid.half_space(), 0.5),), at(origin), steps=40)
+        force, moment = made.tools.impulses()
+        forces.append(force[0])
+        moments.append(moment[0])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-9)
+    shifted = moments[0] + np.cross(np.array(FLOOR) - moved, forces[0])
+    assert moments[1] == pytest.approx(shifted, rel=1e-6, abs=1e-9 * np.abs(moments[0]).max())
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.2, 0.5])
+def test_sliding_block_is_slowed_by_coulomb(mu):
+    """Deceleration mu g of a block that slides on the floor, from its momentum."""
+    made = pressed((Tool("floor", Solid.half_space(), mu),), at(FLOOR), steps=0, v=[1.0, 0.0, 0.0])
+    made.step(200)
+    before = made.v[:, 0].mean()
+    made.step(600)
+    slowed = (before - made.v[:, 0].mean()) / (600 * made.dt)
+    assert slowed == pytest.approx(mu * G, rel=0.05, abs=1e-9)
+
+
+def test_stick_holds_on_a_slope():
+    """Gravity along the surface: a sticking floor holds the block, a smooth one lets it go."""
+    speeds = {}
+    for contact in (0.0, "stick"):
+        tools = (Tool("floor", Solid.half_space(), contact),)
+        made = pressed(tools, at(FLOOR), steps=0)
+        made._clock.assign(np.array([[made.dt, 0.3 * G, 0.0, -G]]))
+        made.step(800)
+        speeds[contact] = made.v[:, 0].mean()
+    assert speeds[0.0] == pytest.approx(0.3 * G * 800 * made.dt, rel=0.02)
+    assert abs(speeds["stick"]) < 0.05 * speeds[0.0]
+
+
+def scene(tau_y, **options):
+    centre = np.array([0.0, 0.0, SIZE[2] / 2])
+    E, nu = 80e3, 0.3
+    law = LAWS["von-mises"]
+    values = {"mu": E / (2 + 2 * nu), "lam": E * nu / ((1 + nu) * (1 - 2 * nu)), "tau_y": tau_y}
+    tools = (Tool("plate", Solid.box([0.064, 0.064, 0.006])), Tool("floor", Solid.half_space()))
+    return Scene(
+        [Material(law, values, density=1000.0)],
+        [block(centre, SIZE, 1.25e-3, 1.0)],
+        tools,
+        region=np.array([[-0.03, -0.03, -0.002], [0.03, 0.03, 0.03]]),
+        dx=2.5e-3,
+        gravity=np.array([0.0, 0.0, -G]),
+        mass_scale=40.0,
+        **options,
+    )
+
+
+def press(made, opening, speed, tick=2e-3):
+    """Plate force [N] when the opening [m] is reached from the rest height."""
+    snapshot = made.start()
+    gap = SIZE[2] + 2e-4
+    forces = []
+    while gap > opening:
+        motion = at((0, 0, gap + 0.003), (0, 0, 0), v_WT=[[0, 0, -speed], [0, 0, 0]])
+        snapshot = made.advance(snapshot, motion, tick)
+        gap -= speed * tick
+        forces.append(snapshot.force[:, 2])
+    return np.array(forces), snapshot
+
+
+def test_yielding_block_against_the_closed_form():
+    """Frictionless press beyond yield: sqrt(3/2) tau_y V / H, and the floor carries the rest."""
+    tau_y = 10e3
+    made = scene(tau_y)
+    forces, _ = press(made, 0.0195, 0.03)
+    plate, floor = forces[-12:].mean(axis=0)
+    H = 0.0195 + 0.03 * 2e-3 * 6
+    assert plate == pytest.approx(np.sqrt(1.5) * tau_y * SIZE.prod() / H, rel=0.04)
+    assert -floor == pytest.approx(plate + 1000.0 * SIZE.prod() * G, rel=0.03)
+
+
+def test_snapshots_replay_bit_for_bit():
+    made = scene(1e3)
+    motion = at((0, 0, SIZE[2] + 0.0028), (0, 0, 0), v_WT=[[0, 0, -0.05], [0, 0, 0]])
+    first = made.advance(made.start(), motion, 4e-3)
+    second = made.advance(first, motion, 4e-3)
+    made.advance(second, motion, 4e-3)
+    again = made.advance(first, motion, 4e-3)
+    assert np.array_equal(again.p_WQ, second.p_WQ)
+    assert np.array_equal(again.force, second.force)
+
+
+def test_overlap_and_region_are_said():
+    made = scene(1e3)
+    deep = made.overlaps(at((0, 0, SIZE[2] + 0.002), (0, 0, 0)))
+    assert deep == {"plate": pytest.approx(1e-3, abs=1e-9)}
+    body = block((0.0, 0.0, 0.05), SIZE, 2.5e-3, 1.0)
+    with pytest.raises(ValueError, match="enlarge the region"):
+        Scene(
+            [], [body], (), region=np.array([[-0.1] * 3, [0.05] * 3]), dx=5e-3, gravity=np.zeros(3)
+        )
+
+
+def test_two_bodies_push_each_other():
+    """Two blocks of two laws fall onto each other; both keep their law and momentum is kept."""
+    laws = (LAWS["fixed-corotated"], LAWS["neo-hookean"])
+    bodies = [
+        block((0.04, 0.04, z), (0.02, 0.02, 0.02), DX / 2, rho)
+        for z, rho in ((0.025, 1000.0), (0.055, 500.0))
+    ]
+    solver = Solver(dx=DX, nodes=(16, 16, 24), dt=1e-4, precision="float64", gravity=(0, 0, 0))
+    made = Simulation(solver, laws, bodies)
+    made.set_material(SOFT, 0)
+    made.set_material({"C10": 15e3, "kappa": 70e3}, 1)
+    v = np.zeros_like(made.body.x)
+    v[len(bodies[0].x) :, 2] = -0.5
+    made.reset(made.body.x, v)
+    start = (made.body.mass[:, None] * v).sum(axis=0)
+    made.step(400)
+    momentum = (made.body.mass[:, None] * made.v).sum(axis=0)
+    assert momentum == pytest.approx(start, abs=1e-12)
+    lower = made.v[: len(bodies[0].x), 2].mean()
+    assert lower < -0.05  # was pushed
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Tool("t", Solid.sphere(1.0), -0.1), "coefficient of at least 0"),
+        (lambda: Tool("t", Solid.sphere(1.0), "glue"), "stick and bonded"),
+        (lambda: Solid.sphere(0.0), "positive"),
+        (lambda: Solid("cone"), "choose one of"),
+        (lambda: Solid.mesh(np.eye(3) * 100, [[0, 1, 2]], 1e-3), "larger spacing"),
+    ],
+)
+def test_bad_tools_are_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
