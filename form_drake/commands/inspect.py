@@ -24,9 +24,9 @@ def material_files() -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class List:
-    """List the laws or the materials that come with the package."""
+    """List the laws, materials or scenarios that come with the package."""
 
-    what: tyro.conf.Positional[Literal["laws", "materials"]]
+    what: tyro.conf.Positional[Literal["laws", "materials", "scenarios"]]
     """What to list."""
     json: bool = False
     """Print one JSON object instead of a table."""
@@ -38,12 +38,32 @@ class List:
             lines = [
                 f"{n:20} {', '.join(e['parameters']):62} {e['stress']}" for n, e in found.items()
             ]
+        elif self.what == "scenarios":
+            found = _scenarios()
+            lines = [
+                f"{n:14} {e['law']:20} {e['tool']:24} {e['seconds']} s" for n, e in found.items()
+            ]
         else:
             found = {n: _material(p) for n, p in material_files().items()}
             lines = [f"{n:14} {e['law']:20} {e['file']}" for n, e in found.items()]
         emit("\n".join(lines), {self.what: found}, as_json=self.json)
         if self.what == "laws" and not self.json:
             say("Elastic laws may be added to each other, and fluids to each other: yeoh+gent.")
+
+
+def _scenarios() -> dict[str, Any]:
+    from form_drake.systems.scenario import load_scenario, named
+
+    found = {name: load_scenario(name) for name in named()}
+    return {
+        name: {
+            "law": s.specimen.law,
+            "material": s.specimen.material,
+            "tool": s.probe.tool,
+            "seconds": s.probe.waypoints[-1].time,
+        }
+        for name, s in found.items()
+    }
 
 
 def _law(name: str) -> dict[str, Any]:

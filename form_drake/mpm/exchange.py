@@ -1,6 +1,6 @@
 """Bodies among moving tools, advanced from snapshot to snapshot in world coordinates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,3 +137,21 @@ class Scene:
         force, moment = (j / duration for j in simulation.tools.impulses())
         state = simulation.state()
         return Snapshot(state, force, moment, state.x + self.corner)
+
+
+def region_around(
+    body: np.ndarray, room: np.ndarray, dx: float, halfway: Mapping[int, float]
+) -> np.ndarray:
+    """Corners [m] of a region with room around a box, shape [2, 3].
+
+    Args:
+        body: lower and upper corner of the box [m], shape [2, 3].
+        room: left on either side along each axis [m], shape [3].
+        dx: grid spacing [m].
+        halfway: by axis, a coordinate [m] that is to lie half-way between nodes, as the face of a
+            clamp should.
+    """
+    low, high = body[0] - room, body[1] + room
+    for axis, place in halfway.items():
+        low[axis] -= ((0.5 - (place - low[axis]) / dx) % 1.0) * dx
+    return np.stack([low, high])

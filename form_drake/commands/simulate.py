@@ -1,0 +1,88 @@
+"""``form-drake simulate``: a probe in the station, recorded."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from tqdm import tqdm
+
+from form_drake.commands.output import device, emit, out_file, say
+from form_drake.files import target_folder, whole_folder, write_json, write_text
+from form_drake.records import write_recording
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Simulate a probe: arm, tool and soft material in one Drake diagram."""
+
+    scenario: tyro.conf.Positional[str]
+    """Name of a scenario (see: form-drake list scenarios) or a .yaml file."""
+    set: Annotated[
+        tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH=VALUE")
+    ] = ()
+    """Change of the scenario, such as specimen.material.E=63e3; may be given several times."""
+    out: Path | None = None
+    """Folder to write; default: runs/SCENARIO."""
+    field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
+    """What colours the particles of the Meshcat page."""
+    page: bool = True
+    """Write the Meshcat page; --page False leaves it out."""
+    live: bool = False
+    """Show the simulation while it runs, in a browser."""
+    graphviz: Path | None = None
+    """Draw the diagram into a .dot file and simulate nothing."""
+    device: str = "cpu"
+    """Warp device: cpu or cuda:0."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Simulate, then write recording, truth, effective scenario and page."""
+        from form_drake.systems.probe import largest_force, prepare, record, truth
+        from form_drake.systems.scenario import load_scenario, scenario_text
+
+        device(self.device)
+        changes = (*self.set, f"solver.device={self.device}")
+        scenario = load_scenario(self.scenario, changes)
+        if self.graphviz is not None:
+            dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
+            write_text(dot, prepare(scenario).diagram.GetGraphvizString())
+            say(f"written: {dot}")
+            return
+        out = target_folder(self.out or Path("runs") / scenario.name)
+        hidden = truth(scenario)
+        meshcat = self._meshcat()
+        run = prepare(scenario, meshcat)
+        steps = round(run.duration / scenario.solver.period)
+        with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
+            recording = record(run, lambda *_: bar.update())
+        with whole_folder(out) as folder:
+            write_recording(recording, folder / "recording.h5")
+            write_json(folder / "truth.json", hidden)
+            write_text(folder / "scenario.yaml", scenario_text(self.scenario, changes))
+            if meshcat is not None and self.page:
+                run.write_page(folder / "station.html")
+        result = {
+            "scenario": scenario.name,
+            "recording": str(out / "recording.h5"),
+            "frames": recording.frames,
+            "points": recording.points,
+            "largest_force": largest_force(recording),
+        }
+        text = (
+            f"{scenario.name}: {recording.frames} frames of {recording.points} points, largest force"
+            f" {result['largest_force']:.4g} N"
+        )
+        emit(text, result, as_json=self.json)
+        say(f"written: {out}")
+
+    def _meshcat(self):
+        if not (self.page or self.live):
+            return None
+        from pydrake.geometry import StartMeshcat
+
+        meshcat = StartMeshcat()
+        if self.live:
+            say(f"live view: {meshcat.web_url()}")
+        return meshcat

@@ -1,0 +1,150 @@
+"""Force as the robot measures it: external joint torques, sensor errors, the wrench at the tool."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from form_drake.systems.arm import JOINTS, arm_joints
+
+LENGTH = 0.1
+"""Length [m] by which moments are divided before they are weighed against forces."""
+DAMPING = 1e-4
+"""Tikhonov damping as a share of the largest singular value."""
+
+
+def tool_wrench(
+    J: np.ndarray, torque: np.ndarray, sd: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
+    """The wrench on a tool that best explains external joint torques.
+
+    Minimizes |S^-1 (torque - J^T F)|^2 + (DAMPING sigma_max)^2 |F'|^2, where S = diag(sd), F' is F
+    with its moment divided by ``LENGTH``, and sigma_max the largest singular value: weighted,
+    lightly damped least squares, of bias (DAMPING times condition)^2.
+
+    Args:
+        J: Jacobian of V_WT, rotation above translation, in W; shape [6, n].
+        torque: external joint torques [N m], shape [n].
+        sd: their standard deviations [N m], shape [n]; None: all alike.
+
+    Returns:
+        The spatial force F_T_W on the tool, moment [N m] above force [N], shape [6]; and the
+        condition number of the scaled problem.
+    """
+    weight = np.ones(len(torque)) if sd is None else np.min(sd) / sd
+    scale = np.array([LENGTH] * 3 + [1.0] * 3)
+    U, s, Vt = np.linalg.svd((J * scale[:, None]).T * weight[:, None], full_matrices=False)
+    gain = s / (s**2 + (DAMPING * s[0]) ** 2)
+    return scale * (Vt.T @ (gain * (U.T @ (weight * torque)))), float(s[0] / s[-1])
+
+
+@dataclass
+class SensorErrors:
+    """What a sensor adds to a signal. The defaults add nothing.
+
+    Attributes:
+        bias: constant error, one value or one each, in the unit of the signal.
+        noise: standard deviation of white noise, one value or one each, in the unit of the signal.
+        bandwidth: of a first-order low-pass filter [Hz]; 0: none.
+        period: between samples [s].
+        seed: of the noise.
+    """
+
+    bias: list[float] = field(default_factory=lambda: [0.0])
+    noise: list[float] = field(default_factory=lambda: [0.0])
+    bandwidth: float = 0.0
+    period: float = 0.001
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.noise) < 0.0 or self.bandwidth < 0.0 or not self.period > 0.0:
+            raise ValueError(
+                f"sensor noise {self.noise}, bandwidth {self.bandwidth:g} Hz, period"
+                f" {self.period:g} s: noise and bandwidth must not be negative, the period positive"
+            )
+
+
+class Sensor(LeafSystem):
+    """A signal as a sensor reports it: biased, noisy, low-passed, held between samples not at all.
+
+    Noise is a function of seed and sample number, the filter's memory is in the Context: a cloned
+    or rewound Context repeats every sample. At sample times the output has no delay but the
+    filter's.
+    """
+
+    def __init__(self, size: int, errors: SensorErrors) -> None:
+        super().__init__()
+        for name in ("bias", "noise"):
+            if len(getattr(errors, name)) not in (1, size):
+                raise ValueError(
+                    f"{name} of the sensor has {len(getattr(errors, name))} values: give 1 or"
+                    f" {size}"
+                )
+        self._errors, self._size = errors, size
+        cutoff = 2.0 * np.pi * errors.bandwidth * errors.period
+        self._share = -np.expm1(-cutoff) if errors.bandwidth else 1.0
+        self.DeclareVectorInputPort("ideal", size)
+        self.DeclareVectorOutputPort("measured", size, self._calc)
+        self._memory = self.DeclareDiscreteState(np.zeros(size))
+        self.DeclarePeriodicDiscreteUpdateEvent(errors.period, 0.0, self._remember)
+
+    def _measured(self, context: Context) -> np.ndarray:
+        errors = self._errors
+        sample = round(context.get_time() / errors.period)
+        drawn = np.random.default_rng((errors.seed, sample)).standard_normal(self._size)
+        raw = self.get_input_port().Eval(context) + errors.bias + errors.noise * drawn
+        last = context.get_discrete_state(self._memory).value()
+        return last + self._share * (raw - last)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._measured(context))
+
+    def _remember(self, context: Context, state) -> None:
+        state.get_mutable_vector(self._memory).SetFromVector(self._measured(context))
+
+
+class ToolForce(LeafSystem):
+    """The force of the material on the tool, from the arm's joints.
+
+    Ports: in ``position`` [rad] and ``torque_external`` [N m], seven each; out ``force``, f_T_W [N]
+    at the tool frame's origin in W, and ``wrench``, F_T_W: moment [N m] above force [N].
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        tool: Frame,
+        *,
+        model: str = "panda",
+        sd: np.ndarray | None = None,
+    ) -> None:
+        """Args as for ``tool_wrench``; ``tool`` is the frame T, moved by the arm ``model``."""
+        super().__init__()
+        self._plant, self._tool, self._sd = plant, tool, sd
+        joints = arm_joints(plant, model)
+        self._positions = np.array([j.position_start() for j in joints])
+        self._velocities = np.array([j.velocity_start() for j in joints])
+        self._context = plant.CreateDefaultContext()
+        self.DeclareVectorInputPort("position", JOINTS)
+        self.DeclareVectorInputPort("torque_external", JOINTS)
+        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)
+        self.DeclareVectorOutputPort("force", 3, self._calc_force)
+
+    def _wrench(self, context: Context) -> np.ndarray:
+        position, torque = (self.get_input_port(i).Eval(context) for i in range(2))
+        q = self._plant.GetPositions(self._context)
+        q[self._positions] = position
+        self._plant.SetPositions(self._context, q)
+        world = self._plant.world_frame()
+        J = self._plant.CalcJacobianSpatialVelocity(
+            self._context, JacobianWrtVariable.kV, self._tool, np.zeros(3), world, world
+        )
+        return tool_wrench(J[:, self._velocities], torque, self._sd)[0]
+
+    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._wrench(context))
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._wrench(context)[3:])

@@ -1,0 +1,265 @@
+"""Scenarios: what a station holds, what it does and what is measured, as typed YAML."""
+
+import dataclasses
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.systems.sensors import CameraConfig
+
+from form_drake.files import read_mapping
+from form_drake.laws import law_named
+from form_drake.laws.values import checked_values, finite
+from form_drake.material import Material
+from form_drake.systems.force import SensorErrors
+from form_drake.systems.panda import PandaDriver
+
+DEEPEST = 8  # of inheritance
+
+
+@dataclass
+class Specimen:
+    """The soft body.
+
+    Attributes:
+        size: edges of a box [m].
+        p_WM: its centre when free of stress [m].
+        law: constitutive law.
+        material: values of the law's parameters (SI units), or of E and nu, and density [kg/m^3].
+        known: parameters that are declared to the identification.
+        faces: what is known of each face, see ``Recording.contact``.
+        contact: by body: a Coulomb coefficient, ``stick`` or ``bonded``.
+        clamped: by face: length inside of a clamp there [m], which the recorded body leaves out.
+    """
+
+    size: list[float] = field(default_factory=list)
+    p_WM: list[float] = field(default_factory=list)
+    law: str = "fixed-corotated"
+    material: dict[str, float] = field(default_factory=dict)
+    known: list[str] = field(default_factory=list)
+    faces: dict[str, str] = field(default_factory=dict)
+    contact: dict[str, str] = field(default_factory=dict)
+    clamped: dict[str, float] = field(default_factory=dict)
+
+    def made(self) -> Material:
+        """The material that is simulated.
+
+        Raises:
+            ValueError: an unknown law, a missing value or a value out of range.
+        """
+        law = law_named(self.law)
+        values = dict(self.material)
+        density = finite("density", values.pop("density", None))
+        return Material(law, checked_values(law, values), density)
+
+
+@dataclass
+class Stepping:
+    """How the material is simulated.
+
+    Attributes:
+        dx: grid spacing [m].
+        period: of the exchange between material and plant, and of the plant's steps [s].
+        mass_scale: see ``Scene``.
+        precision: ``float32`` or ``float64``.
+        device: Warp device.
+        damping: rate at which velocities decay while the specimen settles [1/s].
+        settle: until when [s].
+        room: how far beyond the specimen particles may go, along each axis [m].
+    """
+
+    dx: float = 0.0025
+    period: float = 0.001
+    mass_scale: float = 1.0
+    precision: str = "float32"
+    device: str = "cpu"
+    damping: float = 0.0
+    settle: float = 0.0
+    room: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.02])
+
+
+@dataclass
+class Waypoint:
+    """Where the tool is at a time: it gets there and leaves at rest.
+
+    Attributes:
+        time: [s].
+        p_WT: place of the tool frame [m].
+    """
+
+    time: float = 0.0
+    p_WT: list[float] = field(default_factory=list)
+
+
+@dataclass
+class Probe:
+    """What the arm does.
+
+    Attributes:
+        tool: scoped name of the tool frame T.
+        rpy_deg: its orientation in the world, roll, pitch, yaw [deg].
+        waypoints: the tool's path, 3u^2 - 2u^3 between them.
+        until_force: force [N] at which the tool stops on its way; None: it goes to the end.
+    """
+
+    tool: str = ""
+    rpy_deg: list[float] = field(default_factory=lambda: [180.0, 0.0, 0.0])
+    waypoints: list[Waypoint] = field(default_factory=list)
+    until_force: float | None = None
+
+
+@dataclass
+class Measurement:
+    """What is recorded.
+
+    Attributes:
+        rate: of the tracked points [Hz].
+        points: how many particles are tracked; 0: all.
+        noise: standard deviation of a coordinate [m].
+        seed: of the choice of points and of their noise.
+        sensor: errors of the force sensor at the tool [N].
+        torque: errors of the external joint torques [N m].
+    """
+
+    rate: float = 100.0
+    points: int = 400
+    noise: float = 0.0
+    seed: int = 0
+    sensor: SensorErrors = field(default_factory=SensorErrors)
+    torque: SensorErrors = field(default_factory=SensorErrors)
+
+
+@dataclass
+class Scenario:
+    """A station and a probe.
+
+    Attributes:
+        name: of the scenario.
+        cell: model directives of arm, tools and stands, a ``package://`` or file name.
+        panda: driver of the arm.
+        specimen: the soft body.
+        solver: its simulation.
+        probe: what the arm does.
+        measure: what is recorded.
+        cameras: by name.
+    """
+
+    name: str = ""
+    cell: str = ""
+    panda: PandaDriver = field(default_factory=PandaDriver)
+    specimen: Specimen = field(default_factory=Specimen)
+    solver: Stepping = field(default_factory=Stepping)
+    probe: Probe = field(default_factory=Probe)
+    measure: Measurement = field(default_factory=Measurement)
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+
+
+def named() -> list[str]:
+    """Scenarios of the package that can be run: those that others only inherit from are left out."""
+    folder = files("form_drake") / "models" / "scenarios"
+    found = {Path(p.name).stem: p for p in folder.iterdir() if p.name.endswith(".yaml")}
+    contents = {name: yaml.safe_load(p.read_text()) for name, p in found.items() if "." not in name}
+    parents = {c.get("inherits") for c in contents.values()}
+    return sorted(set(contents) - parents)
+
+
+def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
+    """A scenario by name or from a file, with changes such as ``specimen.material.E=63e3``.
+
+    Raises:
+        ValueError: an unknown name or key, a value of the wrong kind, or inheritance without end;
+            the message says what is allowed.
+    """
+    try:
+        return yaml_load_typed(
+            schema=Scenario, data=scenario_text(name, changes), defaults=Scenario()
+        )
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise ValueError(f"scenario {name}: {error}") from None
+
+
+def scenario_text(name: str | Path, changes: Sequence[str] = ()) -> str:
+    """The YAML of a scenario with all that it inherits and the changes, in one piece.
+
+    Raises:
+        ValueError: see ``load_scenario``.
+    """
+    content = _inherited(str(name), Path.cwd())
+    for change in changes:
+        _change(content, change)
+    content.setdefault("name", Path(str(name)).stem)
+    _checked(Scenario, content, "")
+    contact = content.get("specimen", {}).get("contact", {})
+    contact.update({body: str(word) for body, word in contact.items()})
+    return yaml.safe_dump(content, sort_keys=False)
+
+
+def _inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
+    if depth > DEEPEST:
+        raise ValueError("it inherits from itself")
+    path = folder / name
+    if not name.endswith((".yaml", ".yml")):
+        own = files("form_drake") / "models" / "scenarios" / f"{name}.yaml"
+        path = Path(str(own))
+        if not path.is_file():
+            raise ValueError(
+                f"no scenario {name!r}: choose from {', '.join(named())}, or name a .yaml file"
+            )
+    content = read_mapping(path)
+    parent = content.pop("inherits", None)
+    if parent is None:
+        return content
+    base = _inherited(str(parent), path.parent, depth + 1)
+    return _merged(base, content)
+
+
+def _merged(base: Any, over: Any) -> Any:
+    """``over`` on top of ``base``, mapping by mapping; lists are replaced."""
+    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
+        return over
+    return {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
+
+
+def _change(content: dict[str, Any], change: str) -> None:
+    place, equals, text = change.partition("=")
+    *path, last = place.strip().split(".")
+    if not equals or not last:
+        raise ValueError(f"--set {change}: NAME.NAME=VALUE is wanted")
+    try:
+        value: Any = float(text)
+        value = int(text) if value.is_integer() and text.strip().lstrip("+-").isdigit() else value
+    except ValueError:
+        value = yaml.safe_load(text)
+    here = content
+    for key in path:
+        here = here.setdefault(key, {})
+        if not isinstance(here, dict):
+            raise ValueError(f"--set {change}: {key} holds no entries")
+    here[last] = value
+
+
+def _checked(schema: Any, content: Any, where: str) -> None:
+    """Refuse keys that no dataclass has a field for, and texts in the place of numbers."""
+    if schema is float and (isinstance(content, bool) or not isinstance(content, int | float)):
+        raise ValueError(f"{where}: a number is wanted, got {content!r}")
+    if typing.get_origin(schema) is list:
+        for n, item in enumerate(content if isinstance(content, list) else ()):
+            _checked(typing.get_args(schema)[0], item, f"{where}[{n}]")
+    if typing.get_origin(schema) is dict and isinstance(content, Mapping):
+        for key, item in content.items():
+            _checked(typing.get_args(schema)[1], item, f"{where}.{key}")
+    if not dataclasses.is_dataclass(schema):
+        return
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{where or 'a file'} holds entries, got {content!r}")
+    allowed = {f.name: f.type for f in dataclasses.fields(schema)}
+    for key, value in content.items():
+        place = f"{where}.{key}" if where else str(key)
+        if key not in allowed:
+            raise ValueError(f"no {place}; allowed there are {', '.join(allowed)}")
+        _checked(allowed[key], value, place)

@@ -1,0 +1,280 @@
+"""A scenario as one diagram: arm, tool, soft material and sensors, with the ports of the real robot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Box, MakeRenderEngineVtk, Meshcat, RenderEngineVtkParams, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.parsing import (
+    LoadModelDirectivesFromString,
+    ModelDirectives,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+
+from form_drake.motion.body import FACES
+from form_drake.mpm.exchange import region_around
+from form_drake.systems.arm import add_package, exclude_held_tool, scoped_frame
+from form_drake.systems.force import Sensor, ToolForce
+from form_drake.systems.material import AddMaterial, Contact, MaterialSystem
+from form_drake.systems.panda import add_panda, apply_panda
+from form_drake.systems.scenario import Scenario
+
+ARM = "panda"
+
+
+@dataclass(frozen=True)
+class Station:
+    """A diagram and the parts that a simulation may look into.
+
+    Attributes:
+        diagram: see ``make_station``.
+        plant: of it.
+        material: of it.
+        tool: the tool frame T.
+    """
+
+    diagram: Diagram
+    plant: MultibodyPlant
+    material: MaterialSystem
+    tool: Frame
+
+
+class ToolPose(LeafSystem):
+    """X_WT from the arm's joint angles.
+
+    Ports: in ``position`` [rad]; out ``X_WT``.
+    """
+
+    def __init__(self, plant: MultibodyPlant, tool: Frame, model: str = ARM):
+        super().__init__()
+        self._plant, self._tool = plant, tool
+        self._context = plant.CreateDefaultContext()
+        joints = [f"panda_joint{i + 1}" for i in range(7)]
+        instance = plant.GetModelInstanceByName(model)
+        self._index = [plant.GetJointByName(j, instance).position_start() for j in joints]
+        self.DeclareVectorInputPort("position", 7)
+        self.DeclareAbstractOutputPort("X_WT", Value[RigidTransform], self._calc)
+
+    def _calc(self, context: Context, output: Value) -> None:
+        q = self._plant.GetPositions(self._context)
+        q[self._index] = self.get_input_port().Eval(context)
+        self._plant.SetPositions(self._context, q)
+        output.set_value(self._tool.CalcPoseInWorld(self._context))
+
+
+class ForceAt(LeafSystem):
+    """The force [N] of a wrench about a body's origin, as a sensor at the tool frame reports it.
+
+    A force does not change with the point it is taken about; the moment would.
+    Ports: in ``wrench``; out ``force``.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.DeclareVectorInputPort("wrench", 6)
+        self.DeclareVectorOutputPort("force", 3, self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        wrench = SpatialForce(self.get_input_port().Eval(context))
+        output.SetFromVector(wrench.translational())
+
+
+def make_station(
+    scenario: Scenario, *, hardware: bool = False, meshcat: Meshcat | None = None
+) -> Station:
+    """The station of a scenario.
+
+    Input ports: ``panda.position`` [rad]. Output ports: ``panda.position_measured`` [rad],
+    ``panda.velocity_measured`` [rad/s], ``panda.torque_external`` [N m], ``tool.X_WT``,
+    ``tool.force`` (sensor at the tool) and ``tool.force_from_torque`` [N], of the material on the
+    tool at the tool frame's origin, in W; for every camera ``<camera>.color_image``,
+    ``<camera>.depth_image_32f`` and ``<camera>.image_time``. In simulation only:
+    ``material.particles`` (``Snapshot``), ``tool.force_ideal`` and ``query_object``.
+
+    Raises:
+        ValueError: ``hardware``, or a scenario that does not fit together.
+    """
+    if hardware:
+        raise ValueError("hardware=True: no driver of the real arm yet; use hardware=False")
+    builder = DiagramBuilder()
+    plant, scene_graph = _plant(scenario, builder)
+    tool = scoped_frame(plant, scenario.probe.tool)
+    held = plant.GetModelInstanceName(tool.model_instance())
+    exclude_held_tool(plant, scene_graph, arm=ARM, tool=held)
+    scenario.panda.compensated = sorted({*scenario.panda.compensated, held})
+    apply_panda(plant, scenario.panda)
+    plant.Finalize()
+    panda = add_panda(builder, plant, scenario.panda)
+    material = _material(scenario, builder, plant, scene_graph)
+    _export_arm(scenario, builder, plant, panda, tool)
+    _export_force(scenario, builder, material, tool.body().name())
+    builder.ExportOutput(material.GetOutputPort("particles"), "material.particles")
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
+    _cameras(scenario, builder, plant, scene_graph)
+    if meshcat is not None:
+        from form_drake.systems.viewer import add_viewer
+
+        add_viewer(builder, plant, scene_graph, material, meshcat)
+    diagram = builder.Build()
+    diagram.set_name(scenario.name)
+    return Station(diagram, plant, material, tool)
+
+
+def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
+    config = MultibodyPlantConfig(
+        time_step=scenario.solver.period,
+        use_sampled_output_ports=False,
+        discrete_contact_approximation="sap",
+    )
+    plant, scene_graph = AddMultibodyPlant(config, builder)
+    parser = Parser(plant)
+    add_package(parser)
+    ProcessModelDirectives(directives(scenario), parser)
+    return plant, scene_graph
+
+
+def directives(scenario: Scenario) -> ModelDirectives:
+    """The model directives of the scenario's cell.
+
+    Raises:
+        ValueError: the file cannot be found or read.
+    """
+    text = f"directives:\n- add_directives: {{file: '{scenario.cell}'}}\n"
+    found = LoadModelDirectivesFromString(text)
+    scratch = MultibodyPlant(0.0)  # a parser does not keep its plant alive
+    parser = Parser(scratch)
+    add_package(parser)
+    try:
+        ProcessModelDirectives(found, parser)
+    except RuntimeError as error:
+        raise ValueError(f"scenario {scenario.name}: cell {scenario.cell}: {error}") from None
+    return found
+
+
+def _material(
+    scenario: Scenario, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
+) -> MaterialSystem:
+    specimen, solver = scenario.specimen, scenario.solver
+    for name, numbers in (("size", specimen.size), ("p_WM", specimen.p_WM)):
+        if len(numbers) != 3:
+            raise ValueError(f"specimen.{name}: three numbers [m] are wanted, got {numbers}")
+    corners = specimen_corners(scenario)
+    halfway = {}
+    for face in specimen.clamped:
+        axis, side = divmod(FACES.index(face), 2)
+        halfway[axis] = float(corners[side, axis])
+    size, p_WM = np.array(specimen.size), np.array(specimen.p_WM)
+    whole = np.stack([p_WM - size / 2, p_WM + size / 2])
+    return AddMaterial(
+        builder,
+        plant,
+        scene_graph,
+        specimen.made(),
+        Box(*specimen.size),
+        RigidTransform(p_WM),
+        dx=solver.dx,
+        bodies=_named_bodies(plant, specimen.contact),
+        contact={body: _contact(word) for body, word in specimen.contact.items()},
+        region=region_around(whole, np.array(solver.room), solver.dx, halfway),
+        period=solver.period,
+        settle=(solver.damping, solver.settle),
+        mass_scale=solver.mass_scale,
+        precision=solver.precision,
+        device=solver.device,
+    )
+
+
+def specimen_corners(scenario: Scenario) -> np.ndarray:
+    """Corners of the specimen's part outside of clamps, free of stress [m], shape [2, 3].
+
+    Raises:
+        ValueError: a clamped face that is none, or that leaves nothing free.
+    """
+    specimen = scenario.specimen
+    size, p_WM = np.array(specimen.size), np.array(specimen.p_WM)
+    corners = np.stack([p_WM - size / 2, p_WM + size / 2])
+    for face, length in specimen.clamped.items():
+        if face not in FACES:
+            raise ValueError(f"specimen.clamped: no face {face!r}; allowed are {', '.join(FACES)}")
+        axis, side = divmod(FACES.index(face), 2)
+        corners[side, axis] -= (1, -1)[1 - side] * length
+    if np.any(corners[1] <= corners[0]):
+        raise ValueError(f"specimen.clamped: {specimen.clamped} m leave nothing of {size} m free")
+    return corners
+
+
+def _named_bodies(plant: MultibodyPlant, contact: dict[str, str]) -> list:
+    lost = [name for name in contact if not plant.HasBodyNamed(name)]
+    if lost:
+        raise ValueError(f"specimen.contact: the cell has no body {', '.join(lost)}")
+    return [plant.GetBodyByName(name) for name in contact]
+
+
+def _contact(word: str) -> Contact:
+    try:
+        return float(word)
+    except ValueError:
+        return word  # type: ignore[return-value]  # Tool refuses what it does not know
+
+
+def _export_arm(
+    scenario: Scenario,
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    panda: Diagram,
+    tool: Frame,
+) -> None:
+    builder.ExportInput(panda.GetInputPort("position"), f"{ARM}.position")
+    for name in ("position_measured", "velocity_measured", "torque_external"):
+        builder.ExportOutput(panda.GetOutputPort(name), f"{ARM}.{name}")
+    pose = builder.AddNamedSystem("tool_pose", ToolPose(plant, tool))
+    torque = builder.AddNamedSystem("torque_sensor", Sensor(7, scenario.measure.torque))
+    force = builder.AddNamedSystem("tool_force", ToolForce(plant, tool))
+    measured = panda.GetOutputPort("position_measured")
+    builder.Connect(measured, pose.get_input_port())
+    builder.Connect(measured, force.GetInputPort("position"))
+    builder.Connect(panda.GetOutputPort("torque_external"), torque.get_input_port())
+    builder.Connect(torque.get_output_port(), force.GetInputPort("torque_external"))
+    builder.ExportOutput(pose.get_output_port(), "tool.X_WT")
+    builder.ExportOutput(force.GetOutputPort("force"), "tool.force_from_torque")
+
+
+def _export_force(
+    scenario: Scenario, builder: DiagramBuilder, material: MaterialSystem, body: str
+) -> None:
+    if not material.HasOutputPort(f"{body}.wrench"):
+        raise ValueError(
+            f"specimen.contact: the tool {body} is not among {', '.join(scenario.specimen.contact)}"
+        )
+    ideal = builder.AddNamedSystem("ideal_force", ForceAt())
+    sensor = builder.AddNamedSystem("force_sensor", Sensor(3, scenario.measure.sensor))
+    builder.Connect(material.GetOutputPort(f"{body}.wrench"), ideal.get_input_port())
+    builder.Connect(ideal.get_output_port(), sensor.get_input_port())
+    builder.ExportOutput(ideal.get_output_port(), "tool.force_ideal")
+    builder.ExportOutput(sensor.get_output_port(), "tool.force")
+
+
+def _cameras(
+    scenario: Scenario, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
+) -> None:
+    from pydrake.systems.sensors import ApplyCameraConfig
+
+    if scenario.cameras and not scene_graph.HasRenderer("vtk"):
+        scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+    for name, config in scenario.cameras.items():
+        config.name, config.renderer_name = name, "vtk"
+        ApplyCameraConfig(config=config, builder=builder, plant=plant, scene_graph=scene_graph)
+        sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
+        for port in ("color_image", "depth_image_32f", "image_time"):
+            builder.ExportOutput(sensor.GetOutputPort(port), f"{name}.{port}")
+
+
+def tool_rotation(scenario: Scenario):
+    """R_WT of the probe."""
+    return RollPitchYaw(np.radians(scenario.probe.rpy_deg)).ToRotationMatrix()

@@ -1,0 +1,206 @@
+"""Scenarios and the station: typed files, ports, a short probe, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from form_drake.records import read, write_recording
+from form_drake.systems.probe import begin, planned, prepare, record, smooth, tracked, truth
+from form_drake.systems.scenario import Waypoint, load_scenario, named, scenario_text
+from form_drake.systems.station import make_station, specimen_corners
+
+COARSE = ("solver.dx=0.005", "solver.mass_scale=40", "measure.points=60")
+PORTS = {
+    "panda.position_measured",
+    "panda.velocity_measured",
+    "panda.torque_external",
+    "tool.X_WT",
+    "tool.force",
+    "tool.force_from_torque",
+}
+
+
+def short(name="press_b", *changes):
+    """A coarse probe that only touches: until 5 % of the press."""
+    scenario = load_scenario(name, (*COARSE, *changes))
+    first, _, *_ = scenario.probe.waypoints
+    p = np.array(first.p_WT)
+    way = [Waypoint(0.0, list(p)), Waypoint(0.1, list(p)), Waypoint(0.5, list(p - [0, 0, 0.003]))]
+    scenario.probe.waypoints = way
+    scenario.solver.settle = 0.05
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    run = prepare(short())
+    return run, record(run)
+
+
+def test_named_scenarios_load_and_say_their_truth():
+    assert named() == ["bend_a", "bend_b", "press_a", "press_b"]
+    values = {name: truth(load_scenario(name))["values"] for name in named()}
+    assert values["press_a"]["tau_y"] == 1e3 and values["press_b"]["tau_y"] == 1e4
+    E = {
+        n: v["mu"] * 2.0 * (1.0 + nu)
+        for (n, v), nu in zip(values.items(), (0.45, 0.45, 0.3, 0.3), strict=True)
+    }
+    assert E == pytest.approx({"bend_a": 80e3, "bend_b": 240e3, "press_a": 80e3, "press_b": 80e3})
+
+
+def test_changes_and_inheritance():
+    scenario = load_scenario("press_a", ("specimen.material.E=63e3", "measure.points=7"))
+    assert scenario.specimen.material["E"] == 63e3
+    assert scenario.specimen.material["tau_y"] == 1e3
+    assert scenario.specimen.material["nu"] == 0.3  # from press
+    assert scenario.measure.points == 7
+
+
+def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(scenario_text("bend_a", ("specimen.material.E=90e3",)))
+    again = load_scenario(path)
+    assert again == replace(load_scenario("bend_a", ("specimen.material.E=90e3",)))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("press_c", (), "choose from bend_a, bend_b, press_a, press_b"),
+        ("press_a", ("specimen.E=1",), "no specimen.E; allowed there are size, p_WM"),
+        ("press_a", ("solver.dx=fine",), "solver.dx: a number is wanted, got 'fine'"),
+        ("press_a", ("solver.dx",), "NAME.NAME=VALUE"),
+        ("press_a", ("specimen.size.x=1",), "holds no entries"),
+        ("press_a", ("probe.waypoints=[{t: 0}]",), r"no probe.waypoints\[0\].t"),
+    ],
+)
+def test_bad_scenarios_are_one_line(name, change, said):
+    with pytest.raises(ValueError, match=said) as caught:
+        load_scenario(name, change)
+    assert "\n" not in str(caught.value)
+
+
+def test_inheritance_without_end(tmp_path):
+    path = tmp_path / "loop.yaml"
+    path.write_text(f"inherits: {path}\n")
+    with pytest.raises(ValueError, match="inherits from itself"):
+        load_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (("specimen.material.G=1e3",), "no parameter 'G'"),
+        (("specimen.size=[0.03, 0.03]",), "specimen.size: three numbers"),
+        (("specimen.contact={anvil: 0.0}",), "no body anvil"),
+        (("specimen.contact={specimen_stand: 0.1}",), "press_plate is not among"),
+        (("specimen.clamped={top: 0.01}",), "no face 'top'"),
+        (("cell=package://form_drake/nowhere.yaml",), "nowhere.yaml"),
+        (("probe.tool=press_plate::tip",), "no frame 'tip'"),
+    ],
+)
+def test_what_does_not_fit_together_is_one_line(changes, said):
+    with pytest.raises(ValueError, match=said):
+        make_station(load_scenario("press_a", changes))
+
+
+def test_hardware_is_said_to_be_missing():
+    with pytest.raises(ValueError, match="no driver"):
+        make_station(load_scenario("press_a"), hardware=True)
+
+
+def test_ports():
+    diagram = make_station(short()).diagram
+    names = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
+    assert names >= PORTS
+    assert diagram.HasInputPort("panda.position")
+
+
+def test_overlap_at_the_start():
+    scenario = short()
+    for way in scenario.probe.waypoints:
+        way.p_WT = [0.5, 0.0, 0.0735]
+    with pytest.raises(ValueError, match="overlaps at the start: press_plate::contact by"):
+        record(prepare(scenario))
+
+
+def test_unreachable_tool():
+    scenario = short()
+    scenario.probe.waypoints[-1].p_WT = [1.5, 0.0, 0.1]
+    with pytest.raises(ValueError, match=r"at time 0\.25 s: the tool reaches"):
+        planned(scenario)
+
+
+def test_waypoints_are_met_at_rest():
+    way = [Waypoint(0.0, [0, 0, 0]), Waypoint(1.0, [0, 0, 1.0]), Waypoint(3.0, [2.0, 0, 1.0])]
+    for w in way:
+        assert smooth(way, w.time) == pytest.approx(w.p_WT)
+        speed = (smooth(way, w.time + 1e-6) - smooth(way, w.time - 1e-6)) / 2e-6
+        assert speed == pytest.approx(0.0, abs=1e-5)
+    assert smooth(way, 2.0) == pytest.approx([1.0, 0.0, 1.0])
+    assert smooth(way, 9.0) == pytest.approx(way[-1].p_WT)
+
+
+def test_recording_of_a_press(pressed, tmp_path):
+    run, recording = pressed
+    tool = recording.forces["press_plate"]
+    assert tool.value[-1, 2] > 0.3  # pushes the plate up
+    moved = recording.p_WQ - recording.reference
+    top = recording.reference[:, 2] > 0.07
+    assert moved[-1, top, 2].max() < -2e-4
+    X_WT = recording.poses["press_plate"].value
+    assert X_WT[-1, :3, 3] == pytest.approx([0.5, 0.0, 0.073], abs=2e-4)
+    assert recording.contact == dict(run.scenario.specimen.faces)
+    write_recording(recording, tmp_path / "r.h5")
+    again = read(tmp_path / "r.h5")
+    assert np.array_equal(again.p_WQ, recording.p_WQ)
+
+
+def test_a_recording_holds_nothing_of_the_truth(pressed):
+    """Other hidden values of the same motion would leave the very same file."""
+    _, recording = pressed
+    told = {**recording.known, "density": recording.density}
+    assert set(told) == {"nu", "density"}
+    assert recording.solver is None and recording.states is None and recording.volume is None
+
+
+def test_joint_torques_feel_what_the_sensor_feels(pressed):
+    """At rest at the end, within the little that the arm still moves."""
+    _, recording = pressed
+    sensor, torque = (
+        recording.forces[n].value[-1] for n in ("press_plate", "press_plate:joint-torque")
+    )
+    assert torque == pytest.approx(sensor, abs=0.01 * np.abs(sensor).max())
+
+
+def test_momentum_over_the_station():
+    """Material, plate and stand exchange momentum with an arm in the loop, to round-off."""
+    run = prepare(short("press_b", "solver.precision=float64"))
+    simulator, material = begin(run), run.station.material
+    mass = material.scene.simulation.body.mass
+    g = np.array(material.scene.simulation.solver.gravity)
+    given, period = np.zeros(3), run.scenario.solver.period
+    for k in range(1, 401):
+        simulator.AdvanceTo(k * period)
+        if k < 50:
+            continue
+        context = material.GetMyContextFromRoot(simulator.get_context())
+        momentum = (mass[:, None] * material.snapshot(context).state.v).sum(axis=0)
+        if k == 50:
+            start = momentum
+            continue
+        for name in ("press_plate", "specimen_stand"):
+            given += period * material.GetOutputPort(f"{name}.wrench").Eval(context)[3:]
+    weight = (400 - 50) * period * mass.sum() * g
+    assert momentum - start + given == pytest.approx(weight, abs=1e-9 * np.abs(given).max())
+    assert np.abs(given[2]) > 0.01
+
+
+def test_tracked_points_are_free_of_the_clamp():
+    scenario = load_scenario("bend_a", ("solver.dx=0.004",))
+    run = prepare(scenario)
+    corners = specimen_corners(scenario)
+    assert corners[1, 2] == pytest.approx(0.2375)
+    X = run.station.material.scene.rest[tracked(run)]
+    assert len(X) == 400 and X[:, 2].max() < 0.2375
