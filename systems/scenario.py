@@ -183,8 +183,13 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
         raise ValueError(f"scenario {name}: {error}") from None
 
 
-def scenario_text(name: str | Path, changes: Sequence[str] = ()) -> str:
+def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool = False) -> str:
     """The YAML of a scenario with all that it inherits and the changes, in one piece.
+
+    Args:
+        name: of the scenario, or its file.
+        changes: PATH=VALUE.
+        hidden: leave out the values of the material that are not declared as known.
 
     Raises:
         ValueError: see ``load_scenario``.
@@ -196,6 +201,10 @@ def scenario_text(name: str | Path, changes: Sequence[str] = ()) -> str:
     _checked(Scenario, content, "")
     contact = content.get("specimen", {}).get("contact", {})
     contact.update({body: str(word) for body, word in contact.items()})
+    if hidden:
+        specimen = content["specimen"]
+        kept = {"density", *specimen.get("known", ())}
+        specimen["material"] = {k: v for k, v in specimen["material"].items() if k in kept}
     return yaml.safe_dump(content, sort_keys=False)
 
 

@@ -17,6 +17,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 
+from form_drake.material import Material
 from form_drake.motion.body import FACES
 from form_drake.mpm.exchange import region_around
 from form_drake.systems.arm import add_package, exclude_held_tool, scoped_frame
@@ -86,7 +87,11 @@ class ForceAt(LeafSystem):
 
 
 def make_station(
-    scenario: Scenario, *, hardware: bool = False, meshcat: Meshcat | None = None
+    scenario: Scenario,
+    *,
+    hardware: bool = False,
+    material: Material | None = None,
+    meshcat: Meshcat | None = None,
 ) -> Station:
     """The station of a scenario.
 
@@ -96,6 +101,12 @@ def make_station(
     tool at the tool frame's origin, in W; for every camera ``<camera>.color_image``,
     ``<camera>.depth_image_32f`` and ``<camera>.image_time``. In simulation only:
     ``material.particles`` (``Snapshot``), ``tool.force_ideal`` and ``query_object``.
+
+    Args:
+        scenario: what it holds.
+        hardware: the real arm instead of the simulated one.
+        material: simulated instead of the scenario's.
+        meshcat: that shows it.
 
     Raises:
         ValueError: ``hardware``, or a scenario that does not fit together.
@@ -111,19 +122,19 @@ def make_station(
     apply_panda(plant, scenario.panda)
     plant.Finalize()
     panda = add_panda(builder, plant, scenario.panda)
-    material = _material(scenario, builder, plant, scene_graph)
+    soft = _soft(scenario, material or scenario.specimen.made(), builder, plant, scene_graph)
     _export_arm(scenario, builder, plant, panda, tool)
-    _export_force(scenario, builder, material, tool.body().name())
-    builder.ExportOutput(material.GetOutputPort("particles"), "material.particles")
+    _export_force(scenario, builder, soft, tool.body().name())
+    builder.ExportOutput(soft.GetOutputPort("particles"), "material.particles")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
     _cameras(scenario, builder, plant, scene_graph)
     if meshcat is not None:
         from form_drake.systems.viewer import add_viewer
 
-        add_viewer(builder, plant, scene_graph, material, meshcat)
+        add_viewer(builder, plant, scene_graph, soft, meshcat)
     diagram = builder.Build()
     diagram.set_name(scenario.name)
-    return Station(diagram, plant, material, tool)
+    return Station(diagram, plant, soft, tool)
 
 
 def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
@@ -157,8 +168,12 @@ def directives(scenario: Scenario) -> ModelDirectives:
     return found
 
 
-def _material(
-    scenario: Scenario, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
+def _soft(
+    scenario: Scenario,
+    material: Material,
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
 ) -> MaterialSystem:
     specimen, solver = scenario.specimen, scenario.solver
     for name, numbers in (("size", specimen.size), ("p_WM", specimen.p_WM)):
@@ -175,7 +190,7 @@ def _material(
         builder,
         plant,
         scene_graph,
-        specimen.made(),
+        material,
         Box(*specimen.size),
         RigidTransform(p_WM),
         dx=solver.dx,

@@ -342,7 +342,7 @@ def test_no_declared_law_lists_the_laws(capsys, files, here):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ((), "demo, identify, predict"),
+        ((), "demo, simulate, identify, predict"),
         (("melt",), "melt"),
         (("identify",), "PATH"),
         (("predict", "a.yaml"), "PATH"),

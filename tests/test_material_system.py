@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 
 from form_drake.laws import LAWS
 from form_drake.material import Material
+from form_drake.systems.arm import add_package
+from form_drake.systems.deformable import deformable_config
 from form_drake.systems.material import AddMaterial, particles
 from form_drake.systems.shapes import solid
 
@@ -159,3 +163,45 @@ def test_what_does_not_fit_is_refused(options, said):
 def test_half_space_cannot_be_filled():
     with pytest.raises(ValueError, match="half-space"):
         particles(HalfSpace(), RigidTransform(), 1e-3)
+
+
+def test_a_gripper_holds_what_friction_can_carry():
+    """Fingers of 3 N: friction 0.6 holds 26 g still, 0.02 lets it slip through."""
+    fallen = {}
+    for mu in (0.6, 0.02):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        parser = Parser(plant)
+        add_package(parser)
+        parser.AddModelsFromUrl("package://form_drake/tools/gripper.sdf")
+        palm = plant.GetFrameByName("palm")
+        plant.WeldFrames(plant.world_frame(), palm, RigidTransform([0.0, 0.0, 0.1]))
+        plant.Finalize()
+        cube, contact = Box(EDGE, EDGE, EDGE), dict.fromkeys(("left", "right"), mu)
+        X_WM = RigidTransform([0.0, 0.0, 0.03])
+        soft = AddMaterial(builder, plant, scene_graph, SOFT, cube, X_WM, contact=contact)
+        force = builder.AddSystem(ConstantVectorSource([-3.0, -3.0]))
+        builder.Connect(force.get_output_port(), plant.get_actuation_input_port())
+        simulator = Simulator(builder.Build())
+        context = simulator.get_mutable_context()
+        own = plant.GetMyMutableContextFromRoot(context)
+        plant.SetPositions(own, [0.016, 0.016])
+        height = []
+        for time in (0.1, 0.2):
+            simulator.AdvanceTo(time)
+            p_WQ = soft.snapshot(soft.GetMyContextFromRoot(simulator.get_context())).p_WQ
+            height.append(p_WQ[:, 2].mean())
+        fallen[mu] = height[0] - height[1]
+    assert abs(fallen[0.6]) < 2e-5
+    assert fallen[0.02] > 0.02
+
+
+def test_elastic_materials_become_drakes_own():
+    config = deformable_config(Material(SOFT.law, SOFT.values, density=1100.0))
+    assert config.youngs_modulus() == pytest.approx(30e3 * (3 * 45 + 2 * 30) / (45 + 30))
+    assert config.poissons_ratio() == pytest.approx(45 / (2 * (45 + 30)))
+    assert config.mass_density() == 1100.0
+    dough = Material(LAWS["von-mises"], {**SOFT.values, "tau_y": 1e3}, density=1000.0)
+    with pytest.raises(ValueError, match="no deformable model of von-mises"):
+        deformable_config(dough)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -11,7 +11,7 @@ from tqdm import tqdm
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
-from form_drake.material import read_material
+from form_drake.material import Material, read_material
 from form_drake.mpm.bodies import rigid_velocity
 from form_drake.mpm.prediction import predict
 from form_drake.records import Recording, read, write_recording
@@ -45,16 +45,21 @@ def moving(recording: Recording, twist: str | None) -> Recording:
 
 @dataclass(frozen=True)
 class Predict:
-    """Predict a recording's motion from its first frame with an identified material."""
+    """Predict a recorded motion with an identified material: thrown, from its first frame; probed in
+    a station, with the tool moving as recorded."""
 
     material: tyro.conf.Positional[Path]
     """Material file (YAML)."""
     recording: tyro.conf.Positional[Path]
-    """Recording whose first frame, grid, step and walls are used."""
+    """Recording whose first frame, grid, step and walls are used, or of a probe in a station."""
     set: Assignments = ""
     """Changes of the material; E and nu may stand for mu and lam."""
     initial_velocity: Annotated[str | None, tyro.conf.arg(metavar=",".join(TWIST))] = None
     """Rigid initial motion about the centroid [m/s, rad/s]; default: the recorded velocities."""
+    scenario: str | None = None
+    """Scenario of a probe; default: scenario.yaml beside the recording."""
+    drive: Literal["pose", "force"] = "pose"
+    """What drives the tool of a probe: its recorded pose, or the recorded force."""
     out: Path | None = None
     """Recording to write the predicted motion to; default: runs/predict/prediction.h5."""
     device: str = "cpu"
@@ -71,26 +76,59 @@ class Predict:
         material, recording = read_material(self.material), read(self.recording)
         device(self.device)
         material = material.changed(assignments(self.set))
+        probed = recording.solver is None and bool(recording.poses)
+        predicted, result, text = (self._probed if probed else self._thrown)(material, recording)
+        if self.out is not None:
+            write_recording(predicted, out)
+        else:
+            with whole_folder(out) as folder:
+                write_recording(predicted, folder / "prediction.h5")
+                write_json(folder / "result.json", result)
+            out = out / "prediction.h5"
+        emit(text, result, as_json=self.json)
+        say(f"written: {out}")
+
+    def _thrown(
+        self, material: Material, recording: Recording
+    ) -> tuple[Recording, dict[str, Any], str]:
         recording = moving(recording, self.initial_velocity)
         with tqdm(total=recording.frames, unit="frame", disable=None, delay=2, leave=False) as bar:
             prediction = predict(
                 recording, material, device=self.device, progress=lambda *_: bar.update()
             )
-        result = {
-            "recording": str(self.recording),
-            "law": material.law.name,
-            "loss": prediction.loss,
-            "frames": prediction.frames,
-        }
-        if self.out is not None:
-            write_recording(prediction.recording, out)
-        else:
-            with whole_folder(out) as folder:
-                write_recording(prediction.recording, folder / "prediction.h5")
-                write_json(folder / "result.json", result)
-            out = out / "prediction.h5"
+        result = self._named(material) | {"loss": prediction.loss, "frames": prediction.frames}
         text = (
             f"{self.recording.name}: loss {prediction.loss:.3g} m^2 over {prediction.frames} frames"
         )
-        emit(text, result, as_json=self.json)
-        say(f"written: {out}")
+        return prediction.recording, result, text
+
+    def _probed(
+        self, material: Material, recording: Recording
+    ) -> tuple[Recording, dict[str, Any], str]:
+        from form_drake.systems.replay import replay
+        from form_drake.systems.scenario import load_scenario
+
+        beside = self.recording.with_name("scenario.yaml")
+        if self.scenario is None and not beside.is_file():
+            raise ValueError(
+                f"{self.recording}: a probe, but no scenario.yaml lies beside it: name --scenario"
+            )
+        scenario = load_scenario(self.scenario or beside, (f"solver.device={self.device}",))
+        with tqdm(unit="step", disable=None, delay=2, leave=False) as bar:
+            found = replay(
+                scenario, material, recording, drive=self.drive, progress=lambda *_: bar.update()
+            )
+        errors = {
+            "shape_rms": found.shape_rms,
+            "force_rms": found.force_rms,
+            "peak_error": found.peak_error,
+        }
+        text = (
+            f"{self.recording.name}: shape {1e3 * found.shape_rms:.3g} mm rms, force"
+            f" {100 * found.force_rms:.3g} % rms and {100 * found.peak_error:+.3g} % at its peak,"
+            f" driven by {self.drive}"
+        )
+        return found.recording, self._named(material) | errors | {"drive": self.drive}, text
+
+    def _named(self, material: Material) -> dict[str, Any]:
+        return {"recording": str(self.recording), "law": material.law.name}

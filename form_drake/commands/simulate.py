@@ -60,7 +60,7 @@ class Simulate:
         with whole_folder(out) as folder:
             write_recording(recording, folder / "recording.h5")
             write_json(folder / "truth.json", hidden)
-            write_text(folder / "scenario.yaml", scenario_text(self.scenario, changes))
+            write_text(folder / "scenario.yaml", scenario_text(self.scenario, changes, hidden=True))
             if meshcat is not None and self.page:
                 run.write_page(folder / "station.html")
         result = {

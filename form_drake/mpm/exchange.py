@@ -132,7 +132,7 @@ class Scene:
         simulation.restore(start.state)
         simulation.set_damping(damping)
         simulation.tools.move(replace(motions, p_WT=motions.p_WT - self.corner))
-        simulation.tools.reset()
+        simulation.tools.forget()
         simulation.advance(duration)
         force, moment = (j / duration for j in simulation.tools.impulses())
         state = simulation.state()

@@ -1,7 +1,7 @@
 """What is simulated: particles of a material, their state, and the time step they allow."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class State:
         L: velocity gradients [1/s], shape [particles, 3, 3].
         F: elastic deformation gradients [-], shape [particles, 3, 3].
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
+        slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
         step: steps made so far.
     """
 
@@ -59,6 +60,7 @@ class State:
     L: np.ndarray
     F: np.ndarray
     tau: np.ndarray
+    slip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     step: int = 0
 
 

@@ -55,7 +55,7 @@ class Simulation:
         if len(self.laws) != len(self.bodies) or not self.bodies:
             raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
         self.body = joined(self.bodies)
-        self.tools = Tools(tuple(tools), solver.precision, device)
+        self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
         self._kernels = (
@@ -141,7 +141,8 @@ class Simulation:
         eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
         C = state.get("C", zero)
         self._write(x=x, v=v, C=C, L=state.get("L", C), F=state.get("F", eye))
-        self.tools.reset()
+        self.tools.slip = np.zeros((len(self.tools.tools), n, 3))
+        self.tools.forget()
         self._steps.zero_()
         self._fault.fill_(-1)
         self._project.zero_()
@@ -160,7 +161,7 @@ class Simulation:
             arrays = {
                 k: getattr(self, "_" + k).numpy().copy() for k in ("x", "v", "C", "L", "F", "tau")
             }
-            self._held = State(**arrays, step=int(self._steps.numpy()[0]))
+            self._held = State(**arrays, slip=self.tools.slip, step=int(self._steps.numpy()[0]))
         return self._held
 
     def restore(self, state: State) -> None:
@@ -168,6 +169,8 @@ class Simulation:
         if state is self._held:
             return
         self._write(**{k: getattr(state, k) for k in ("x", "v", "C", "L", "F", "tau")})
+        if state.slip.size:
+            self.tools.slip = state.slip
         self._steps.fill_(state.step)
         self._fault.fill_(-1)
         self._held = state

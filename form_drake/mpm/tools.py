@@ -2,7 +2,8 @@
 
 A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
 into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, never
-pulling, and along the surface what stops the sliding, up to Coulomb's bound. A bonded tool prescribes the velocity of the grid
+pulling. Along the surface it is held where it touched: s being how far it has gone from there, it
+gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A bonded tool prescribes the velocity of the grid
 nodes inside it. Every impulse given to the material is taken from the tool, so that momentum is
 kept to round-off.
 """
@@ -72,7 +73,7 @@ class Motions:
 class Tools:
     """The tools of one simulation on its device: where they are, and what they have been given."""
 
-    def __init__(self, tools: tuple[Tool, ...], precision: str, device: str):
+    def __init__(self, tools: tuple[Tool, ...], particles: int, precision: str, device: str):
         self.tools, self.device, self._precision = tools, device, precision
         t = types(precision)
         n = len(tools)
@@ -81,6 +82,7 @@ class Tools:
         self._turn = wp.zeros(n, dtype=t.mat, device=device)
         self._speed, self._spin = wp.zeros_like(self._place), wp.zeros_like(self._place)
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
+        self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
@@ -98,9 +100,18 @@ class Tools:
         taken = self._taken.numpy()
         return taken[:, 0].copy(), taken[:, 1].copy()
 
-    def reset(self) -> None:
+    def forget(self) -> None:
         """Count impulses from zero on."""
         self._taken.zero_()
+
+    @property
+    def slip(self) -> np.ndarray:
+        """How far particles have gone from where they touched [m], shape [tools, particles, 3]."""
+        return self._slip.numpy().copy()
+
+    @slip.setter
+    def slip(self, value: np.ndarray) -> None:
+        self._slip.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
     def push(self, clock, x, v, mass, radius) -> None:
         """Launch what the touching tools do to the particles before a step."""
@@ -108,7 +119,7 @@ class Tools:
             if tool.contact != "bonded":
                 friction = -1.0 if tool.contact == "stick" else float(tool.contact)
                 inputs = [n, solid, *self._where(), clock, friction]
-                inputs += [x, v, mass, radius, self._taken]
+                inputs += [x, v, mass, radius, self._slip, self._taken]
                 wp.launch(contact(self._precision), len(x), inputs, device=self.device)
 
     def hold(self, clock, dx, nodes, grid) -> None:
@@ -159,6 +170,7 @@ def contact(precision: str):
         v: wp.array(dtype=vec3),
         mass: wp.array(dtype=real),
         radius: wp.array(dtype=real),
+        slip: wp.array2d(dtype=vec3),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
         p = wp.tid()
@@ -167,21 +179,25 @@ def contact(precision: str):
         depth = radius[p] - near[3]
         dt = clock[0][0]
         if depth <= real(0.0) or dt <= real(0.0):
+            slip[n, p] = vec3()
             return
         normal = turn[n] * vec3(near[0], near[1], near[2])
         u = v[p] - speed[n] - wp.cross(spin[n], r)
         along = wp.dot(normal, u)
         push = beta * depth / dt - along
         if push <= real(0.0):
+            slip[n, p] = vec3()
             return
+        gone = slip[n, p]
         sliding = u - along * normal
-        size = wp.length(sliding)
-        stop = size
-        if friction >= real(0.0):
-            stop = wp.min(stop, friction * push)
-        change = push * normal
-        if size > real(0.0):
-            change -= (stop / size) * sliding
+        gone = gone - wp.dot(normal, gone) * normal + dt * sliding
+        wanted = sliding + (beta / dt) * gone
+        size = wp.length(wanted)
+        share = real(1.0)
+        if friction >= real(0.0) and size > friction * push:
+            share = friction * push / size
+        slip[n, p] = share * gone
+        change = push * normal - share * wanted
         v[p] = v[p] + change
         give(taken, n, r, -mass[p] * change)
 

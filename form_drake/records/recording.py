@@ -5,7 +5,7 @@ dimensions and its unit once, and reading, writing, checking and printing follow
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -108,7 +108,8 @@ class Recording:
         law: declared law class.
         known: declared parameter values, never one to be identified.
         poses: X_WT of tools and supports by name.
-        forces: f_T_W by tool name: force of the material on the tool at the tool frame's origin.
+        forces: f_T_W by tool name: force of the material on the tool at the tool frame's origin;
+            of another source than a sensor at the tool under ``TOOL:SOURCE``.
         joints: robot joint positions.
         cameras: calibration by camera name.
         geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "size": "..."}.
@@ -193,6 +194,27 @@ class Recording:
             if "kind" in f.metadata and rest.get(f.name) is not None:
                 rest[f.name] = np.asarray(rest[f.name], dtype=_dtype(f.metadata["kind"]))
         return cls(time=np.asarray(time, dtype=float), p_WQ=np.asarray(p_WQ, dtype=float), **rest)
+
+    def measured_by(self, source: str) -> "Recording":
+        """With the forces of one source alone, named after their tools.
+
+        Args:
+            source: ``sensor`` for the streams that are named after a tool, or what follows the
+                colon in the names of others, such as ``joint-torque``.
+
+        Raises:
+            ValueError: no force comes from this source.
+        """
+        split = {name: (name.partition(":")[::2]) for name in self.forces}
+        sources = {(mark or "sensor") for _, mark in split.values()}
+        if not self.forces:
+            return self
+        if source not in sources:
+            raise ValueError(
+                f"no force comes from {source}; the recording has {', '.join(sorted(sources))}"
+            )
+        chosen = {t: self.forces[n] for n, (t, m) in split.items() if (m or "sensor") == source}
+        return replace(self, forces=chosen)
 
     @property
     def points(self) -> int:

@@ -1,0 +1,240 @@
+"""A recorded probe again with another material: the tool goes where it went, or pushes as it pushed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.trajectories import PiecewisePose
+from scipy.spatial import cKDTree
+
+from form_drake.material import Material
+from form_drake.mpm.exchange import Snapshot
+from form_drake.mpm.tools import Motions
+from form_drake.records import Recording, Stream
+from form_drake.systems.scenario import Scenario
+from form_drake.systems.station import Station, make_station
+
+Drive = Literal["pose", "force"]
+TOUCH = 0.02  # of the largest force, from which on a tool is driven by force
+RESPONSE = 0.04  # time [s] in which it follows
+NEAR = 0.25  # of the particles' distance, within which a tracked point is a particle
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A predicted probe beside the measured one.
+
+    Attributes:
+        recording: the measured one with points, pose and force replaced by the predicted ones.
+        shape_rms: root mean square distance of the points [m].
+        force_rms: root mean square of the force's error as a share of the largest measured force.
+        peak_error: error of the largest force as a share of it.
+    """
+
+    recording: Recording
+    shape_rms: float
+    force_rms: float
+    peak_error: float
+
+
+def replay(
+    scenario: Scenario,
+    material: Material,
+    recording: Recording,
+    *,
+    drive: Drive = "pose",
+    progress: Callable[[int, int], None] | None = None,
+) -> Replay:
+    """Simulate a recorded probe with a material, without the arm.
+
+    Args:
+        scenario: of the recording: specimen, tools, solver. Its material is not looked at.
+        material: of the prediction.
+        recording: whose tool poses, or forces, are applied.
+        drive: ``pose`` moves the tool as recorded; ``force`` along its recorded path, as deep as
+            the recorded force pushes it.
+        progress: called with (steps done, steps).
+
+    Raises:
+        ValueError: the recording is not of this scenario, or lacks poses or forces of its tool.
+    """
+    station = make_station(scenario, material=material)
+    tool = station.tool.body().name()
+    for name, streams in (("poses", recording.poses), ("force", recording.forces)):
+        if tool not in streams:
+            raise ValueError(f"the recording holds no {name} of {tool}, the scenario's tool")
+    points = _particles(station, recording)
+    period = scenario.solver.period
+    path = _Path(station, recording, tool, period, drive)
+    scene, solver = station.material.scene, scenario.solver
+    last = round(float(recording.time[-1]) / period)
+    wanted = {round(float(t) / period) for t in recording.time}
+    snapshot, frames, forces, poses = scene.start(), [], [], []
+    for k in range(last + 1):
+        if k in wanted:
+            frames.append(snapshot.p_WQ[points])
+        if k == last:
+            break
+        motions, X_WT = path.step(k * period, snapshot)
+        damping = solver.damping if k * period < solver.settle else 0.0
+        snapshot = scene.advance(snapshot, motions, period, damping)
+        forces.append(path.force(snapshot))
+        poses.append(X_WT.GetAsMatrix4())
+        if progress is not None:
+            progress(k + 1, last)
+    return _compared(recording, tool, period, frames, forces, poses)
+
+
+def _particles(station: Station, recording: Recording) -> np.ndarray:
+    """The particle at each tracked point's place of rest."""
+    rest = station.material.scene.rest
+    distance, found = cKDTree(rest).query(recording.reference)
+    spacing = float(np.cbrt(station.material.scene.simulation.body.volume).max())
+    if distance.max() > NEAR * spacing:
+        raise ValueError(
+            f"a tracked point lies {1e3 * distance.max():.2g} mm from the nearest particle at rest:"
+            " the recording is not of this scenario, or solver.dx was changed"
+        )
+    found = np.asarray(found)
+    return found
+
+
+class _Path:
+    """How the tool moves in every step, and what stands still."""
+
+    def __init__(
+        self, station: Station, recording: Recording, tool: str, period: float, drive: Drive
+    ):
+        self.touching, self._tool, self._period = station.material.touching, tool, period
+        stream, force = recording.poses[tool], recording.forces[tool]
+        self._path = PiecewisePose.MakeLinear(
+            stream.time, [RigidTransform(X) for X in stream.value]
+        )
+        self._span = stream.time[0], stream.time[-1]
+        X_BT = station.tool.GetFixedPoseInBodyFrame()
+        context = station.plant.CreateDefaultContext()
+        self._still, self._held = [], []
+        for t in self.touching:
+            body = station.plant.get_body(t.body)
+            self._still.append(station.plant.EvalBodyPoseInWorld(context, body) @ t.X_BG)
+            self._held.append(X_BT.inverse() @ t.X_BG)
+        self._servo = _Servo.of(stream, force) if drive == "force" else None
+        self._offset = np.zeros(3)
+
+    def step(self, time: float, snapshot: Snapshot) -> tuple[Motions, RigidTransform]:
+        """Motions of all tools from ``time`` [s] on, and X_WT then."""
+        X, X1 = (self._pose(t) for t in (time, time + self._period))
+        if self._servo is not None:
+            before = self._offset
+            self._offset = self._servo.moved(
+                time, self._period, before, self.force(snapshot), X1.translation() - X.translation()
+            )
+            X, X1 = _shifted(X, before), _shifted(X1, self._offset)
+        return self._motions(X, X1), X
+
+    def force(self, snapshot: Snapshot) -> np.ndarray:
+        """On the moving tool [N], in W."""
+        own = [t.name == self._tool for t in self.touching]
+        total: np.ndarray = snapshot.force[own].sum(axis=0)
+        return total
+
+    def _pose(self, time: float) -> RigidTransform:
+        """X_WT as recorded; at rest before and after."""
+        return self._path.GetPose(float(np.clip(time, *self._span)))
+
+    def _motions(self, X_WT: RigidTransform, X_next: RigidTransform) -> Motions:
+        h = self._period
+        turn = (X_next.rotation() @ X_WT.rotation().inverse()).ToAngleAxis()
+        omega = turn.angle() * turn.axis() / h
+        p, R, v, w = [], [], [], []
+        for t, still, held in zip(self.touching, self._still, self._held, strict=True):
+            moves = t.name == self._tool
+            X, X1 = (X_WT @ held, X_next @ held) if moves else (still, still)
+            p.append(X.translation())
+            R.append(X.rotation().matrix())
+            v.append((X1.translation() - X.translation()) / h)
+            w.append(omega if moves else np.zeros(3))
+        return Motions(np.array(p), np.array(R), np.array(v), np.array(w))
+
+
+@dataclass(frozen=True)
+class _Servo:
+    """Moves the tool along the measured push until it feels the measured force.
+
+    Attributes:
+        measured: force [N].
+        along: direction of the tool's push, unit vector in W.
+        stiffness: measured force over measured stroke [N/m].
+        touch: from when to when the tool was felt [s].
+    """
+
+    measured: Stream
+    along: np.ndarray
+    stiffness: float
+    touch: tuple[float, float]
+
+    @classmethod
+    def of(cls, pose: Stream, force: Stream) -> "_Servo":
+        size = np.linalg.norm(force.value, axis=1)
+        felt = force.time[size > TOUCH * size.max()]
+        if not len(felt):
+            raise ValueError("the recorded force is zero throughout: nothing can be driven by it")
+        push = -force.value[np.argmax(size)] / size.max()
+        p_WT = np.stack(
+            [np.interp(force.time, pose.time, pose.value[:, i, 3]) for i in range(3)], 1
+        )
+        stroke = (p_WT[np.argmax(size)] - p_WT[np.searchsorted(force.time, felt[0])]) @ push
+        return cls(force, push, size.max() / max(stroke, 1e-6), (felt[0], felt[-1]))
+
+    def moved(
+        self,
+        time: float,
+        period: float,
+        offset: np.ndarray,
+        felt: np.ndarray,
+        recorded: np.ndarray,
+    ) -> np.ndarray:
+        """Offset from the recorded pose [m] at the end of a step that the recorded one spends
+        moving by ``recorded``: the recorded motion does not count while the tool is felt."""
+        if not self.touch[0] <= time <= self.touch[1]:
+            return offset
+        ahead = time + RESPONSE  # what follows with a delay is told in advance
+        wanted = np.interp(ahead, self.measured.time, -self.measured.value @ self.along)
+        rate = (wanted + felt @ self.along) / (self.stiffness * RESPONSE)
+        return offset + (rate * period - recorded @ self.along) * self.along
+
+
+def _shifted(X: RigidTransform, by: np.ndarray) -> RigidTransform:
+    return RigidTransform(X.rotation(), X.translation() + by)
+
+
+def _compared(
+    recording: Recording, tool: str, period: float, frames: list, forces: list, poses: list
+) -> Replay:
+    begin = period * np.arange(len(forces))
+    force = Stream(begin + 0.5 * period, np.array(forces))
+    measured = recording.forces[tool]
+    size = np.linalg.norm(measured.value, axis=1)
+    felt = np.stack([np.interp(measured.time, force.time, f) for f in force.value.T], axis=1)
+    error = np.linalg.norm(felt - measured.value, axis=1)
+    away = np.array(frames) - recording.p_WQ
+    if recording.valid is not None:
+        away = away[recording.valid]
+    predicted = replace(
+        recording,
+        p_WQ=np.array(frames),
+        valid=None,
+        noise=None,
+        poses={tool: Stream(begin, np.array(poses))},
+        forces={tool: force},
+        source="prediction",
+    )
+    peak = float(np.linalg.norm(felt, axis=1).max() / size.max() - 1.0)
+    return Replay(
+        predicted,
+        float(np.sqrt((away**2).sum(axis=-1).mean())),
+        float(np.sqrt(np.mean(error**2)) / size.max()),
+        peak,
+    )
