@@ -81,6 +81,29 @@ def error_over_time(time: np.ndarray, curves: Mapping[str, np.ndarray]) -> Any:
     return figure
 
 
+def force_over_time(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Any:
+    """Forces of several sources by component; those below 5 % of the largest are left out.
+
+    Args:
+        curves: by source: stamps [s] and forces [N], shape [samples, 3].
+    """
+    top = max(float(np.abs(force).max(initial=0.0)) for _, force in curves.values())
+    factor, unit = (1.0, "N") if top >= 1.0 else (1e3, "mN")
+    figure = _figure(8, 3.4)
+    figure.set_layout_engine("constrained")
+    axes = figure.add_subplot()
+    for n, (name, (time, force)) in enumerate(curves.items()):
+        style = ("-", "--", "-.", ":")[n % 4]
+        for axis, component in zip("xyz", force.T, strict=True):
+            if np.abs(component).max(initial=0.0) > 0.05 * top:
+                axes.plot(time, factor * component, style, lw=1.4, label=f"{name}, {axis}")
+    axes.set(xlabel="time [s]", ylabel=f"force [{unit}]")
+    axes.grid(alpha=0.3)
+    if axes.lines:
+        axes.legend(fontsize=8)
+    return figure
+
+
 def _panels(count: int, height: float) -> tuple[Any, list[Any]]:
     """A figure of up to three panels in a row."""
     columns = min(count, 3)

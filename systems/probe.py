@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.follower import Follow, PathFollower
 from form_drake.systems.motion import timed_path
+from form_drake.systems.page import write_page
 from form_drake.systems.scenario import Scenario, Waypoint
 from form_drake.systems.station import (
     Station,
@@ -23,6 +25,7 @@ from form_drake.systems.station import (
     specimen_corners,
     tool_rotation,
 )
+from form_drake.systems.viewer import View
 
 FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
 
@@ -71,12 +74,23 @@ class Run:
     diagram: Diagram
     duration: float
 
+    def write_page(self, path: Path) -> tuple[int, int]:
+        """Write what Meshcat has shown as one page; frames and points per frame of it."""
+        viewer = self.station.diagram.GetSubsystemByName("particle_viewer")
+        return write_page(viewer, path, self.scenario.name)
 
-def prepare(scenario: Scenario, meshcat: Meshcat | None = None) -> Run:
-    """Plan the probe and connect it to the station."""
+
+def prepare(scenario: Scenario, meshcat: Meshcat | None = None, view: View | None = None) -> Run:
+    """Plan the probe and connect it to the station.
+
+    Args:
+        scenario: of the probe.
+        meshcat: that shows it.
+        view: what it shows of the material.
+    """
     motion = planned(scenario)
     builder = DiagramBuilder()
-    station = make_station(scenario, meshcat=meshcat)
+    station = make_station(scenario, meshcat=meshcat, view=view)
     builder.AddSystem(station.diagram)
     follow = Follow(until_force=scenario.probe.until_force)
     follower = PathFollower(motion, follow, period=scenario.solver.period)
@@ -205,3 +219,15 @@ def largest_force(recording: Recording) -> float:
     """Of the sensor at the tool [N]."""
     (tool,) = recording.poses
     return float(np.linalg.norm(recording.forces[tool].value, axis=1).max())
+
+
+def shown(live: Callable[[str], None] | None = None) -> Meshcat:
+    """A Meshcat to draw into.
+
+    Args:
+        live: called with its address.
+    """
+    meshcat = Meshcat()
+    if live is not None:
+        live(meshcat.web_url())
+    return meshcat

@@ -25,6 +25,7 @@ from form_drake.systems.force import Sensor, ToolForce
 from form_drake.systems.material import AddMaterial, Contact, MaterialSystem
 from form_drake.systems.panda import add_panda, apply_panda
 from form_drake.systems.scenario import Scenario
+from form_drake.systems.viewer import View, add_viewer
 
 ARM = "panda"
 
@@ -92,6 +93,7 @@ def make_station(
     hardware: bool = False,
     material: Material | None = None,
     meshcat: Meshcat | None = None,
+    view: View | None = None,
 ) -> Station:
     """The station of a scenario.
 
@@ -107,6 +109,7 @@ def make_station(
         hardware: the real arm instead of the simulated one.
         material: simulated instead of the scenario's.
         meshcat: that shows it.
+        view: what it shows of the material.
 
     Raises:
         ValueError: ``hardware``, or a scenario that does not fit together.
@@ -129,9 +132,7 @@ def make_station(
     builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
     _cameras(scenario, builder, plant, scene_graph)
     if meshcat is not None:
-        from form_drake.systems.viewer import add_viewer
-
-        add_viewer(builder, plant, scene_graph, soft, meshcat)
+        add_viewer(builder, plant, scene_graph, soft, meshcat, view)
     diagram = builder.Build()
     diagram.set_name(scenario.name)
     return Station(diagram, plant, soft, tool)

@@ -52,6 +52,9 @@ class Identify:
     """Who balances pressure in the weak form; default: decided from the motion."""
     estimator: Literal["gls", "ols"] = "gls"
     """Generalised, or ordinary least squares as in the paper (weak form)."""
+    twin: bool = False
+    """Simulate the scene that the recording states with what was found, read it as the data are read,
+    and take off what that costs; the answer without it is told as well (weak form)."""
     seed: int = 0
     """Seed of the added noise and of the noise draws."""
     report: Path | None = None
@@ -86,6 +89,7 @@ class Identify:
             known=assignments(self.known),
             seed=self.seed,
             weak=self._weak(),
+            twin="stated" if self.twin else None,
         )
         if report is not None and answer.weak is None:
             raise ValueError("--report belongs to the weak form: add --method weak")

@@ -39,8 +39,9 @@ class Simulate:
 
     def run(self) -> None:
         """Simulate, then write recording, truth, effective scenario and page."""
-        from form_drake.systems.probe import largest_force, prepare, record, truth
+        from form_drake.systems.probe import largest_force, prepare, record, shown, truth
         from form_drake.systems.scenario import load_scenario, scenario_text
+        from form_drake.systems.viewer import View
 
         device(self.device)
         changes = (*self.set, f"solver.device={self.device}")
@@ -52,8 +53,9 @@ class Simulate:
             return
         out = target_folder(self.out or Path("runs") / scenario.name)
         hidden = truth(scenario)
-        meshcat = self._meshcat()
-        run = prepare(scenario, meshcat)
+        told = (lambda url: say(f"live view: {url}")) if self.live else None
+        meshcat = shown(told) if self.page or self.live else None
+        run = prepare(scenario, meshcat, View(field=self.field))
         steps = round(run.duration / scenario.solver.period)
         with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
             recording = record(run, lambda *_: bar.update())
@@ -76,13 +78,3 @@ class Simulate:
         )
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
-
-    def _meshcat(self):
-        if not (self.page or self.live):
-            return None
-        from pydrake.geometry import StartMeshcat
-
-        meshcat = StartMeshcat()
-        if self.live:
-            say(f"live view: {meshcat.web_url()}")
-        return meshcat
