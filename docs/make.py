@@ -159,6 +159,7 @@ def full_recording() -> Recording:
         **_arrays(Recording),
         noise=1.0,
         density=1.0,
+        mass_scale=2.0,
         solver=Solver(
             dx=1.0, nodes=(9, 9, 9), dt=1.0, walls=(Wall(2, -1, 3.0),), gravity=(1.0, 2.0, 3.0)
         ),

@@ -1,121 +1,137 @@
-"""The demo: a soft body of unknown stiffness is thrown, identified from noisy positions, predicted.
+"""The demo: a probe in the station, identification of the hidden material, prediction, report.
 
 The truth is drawn from a seed, written to ``truth.json`` and opened again only for the last table,
 after the answer is on disk.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from form_drake.files import read_mapping, write_json
+from form_drake.files import read_mapping, write_json, write_text
 from form_drake.identify import Identification, identify
-from form_drake.laws import LAWS
-from form_drake.laws.values import lame
 from form_drake.material import Material, read_material
-from form_drake.mpm.bodies import block, rigid_velocity
-from form_drake.mpm.prediction import Prediction, predict
-from form_drake.mpm.simulation import Simulation
-from form_drake.records import Recording, Solver, Wall, read, write_recording
+from form_drake.records import Recording, read, write_recording
 from form_drake.report import Report
 
-LAW = "fixed-corotated"
-CELLS = 24
-DX = 0.01
-DT = 2.5e-4
-FRAME_STEPS = 40
-FRAMES = 36
-EDGE = 0.06
-DENSITY = 1000.0
-NOISE = 2e-4
+SCENARIO = "press_b"
+STIFFNESS = (30e3, 120e3)  # E [Pa], log-uniform
+STRENGTH = (0.03, 0.12)  # tau_y / E, log-uniform
+GUESS = (60e3, 0.06)  # E [Pa] and tau_y / E before the probe: the middles of both
+NOISE = 20e-6  # of tracked points [m]
+FORCE_NOISE = 0.05  # of the force sensor [N]
+# Deeper and twice as fast as the probe, from another start.
+UNSEEN = "[{time: 0.0, p_WT: [0.5, 0, 0.0765]}, {time: 0.3, p_WT: [0.5, 0, 0.0765]}, \
+{time: 0.9, p_WT: [0.5, 0, 0.0665]}, {time: 1.1, p_WT: [0.5, 0, 0.0665]}, \
+{time: 1.6, p_WT: [0.5, 0, 0.0765]}]"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the demo found: answer, prediction of the unseen motion, and that of the start."""
+    """What the demo found.
+
+    Attributes:
+        answer: identification.
+        before: errors of the unseen motion's prediction with the first guess.
+        after: the same with the identified material.
+    """
 
     answer: Identification
-    unseen: Recording
-    after: Prediction
-    before: Prediction
+    before: dict[str, float]
+    after: dict[str, float]
 
 
-def solver() -> Solver:
-    """A closed box of 0.24 m whose walls let go."""
-    ends = ((-1, 2 * DX), (1, (CELLS - 2) * DX))
-    walls = tuple(Wall(axis, side, at) for axis in range(3) for side, at in ends)
-    return Solver(dx=DX, nodes=(CELLS,) * 3, dt=DT, walls=walls)
+def hidden_changes(rng: np.random.Generator) -> list[str]:
+    """Changes of the scenario that make the specimen a soft dough that nobody knows."""
+
+    def drawn(ends: tuple[float, float]) -> float:
+        return float(np.exp(rng.uniform(*np.log(ends))))
+
+    E = drawn(STIFFNESS)
+    return [f"specimen.material.E={E}", f"specimen.material.tau_y={E * drawn(STRENGTH)}"]
 
 
-def thrown(material: Material, rng: np.random.Generator, noise: float) -> Recording:
-    """Positions at 100 Hz of a soft cube thrown to the floor with a random spin."""
-    body = block((0.12, 0.12, 0.12), (EDGE,) * 3, DX / 2, DENSITY)
-    v = np.array([*rng.uniform(-0.8, 0.8, 2), rng.uniform(-2.5, -1.5)])
-    v_0 = rigid_velocity(body.x, v, rng.uniform(-12.0, 12.0, 3))
-    simulation = Simulation(solver(), material.law, body)
-    simulation.set_material(material.values)
-    simulation.reset(body.x, v_0)
-    step = np.arange(FRAMES) * FRAME_STEPS
-    p_WQ = simulation.run(step.tolist())
-    return Recording(
-        time=step * DT,
-        p_WQ=p_WQ + rng.normal(0.0, noise, p_WQ.shape),
-        p_reference=body.x,
-        v_0=v_0,
-        volume=body.volume,
-        density=DENSITY,
-        gravity=np.array(solver().gravity),
-        step=step,
-        solver=solver(),
-        law=LAW,
-        geometry={"shape": "box", "size": f"{EDGE} {EDGE} {EDGE} m"},
-        source="form-drake demo",
-    )
+def run_demo(
+    folder: Path, seed: int, say: Callable[[str], None], changes: Sequence[str] = ()
+) -> Outcome:
+    """The whole demo into a folder: recordings, material, prediction, pages.
 
+    Args:
+        folder: to write into.
+        seed: of the hidden material and of the noise.
+        say: told what happens.
+        changes: of the scenario, PATH=VALUE.
+    """
+    from form_drake.systems.probe import prepare, record, shown, truth
+    from form_drake.systems.scenario import load_scenario, scenario_text
+    from form_drake.systems.viewer import View
 
-def hidden_material(rng: np.random.Generator) -> Material:
-    """A soft material: E from 8 to 80 kPa, nu from 0.2 to 0.4."""
-    E, nu = float(np.exp(rng.uniform(np.log(8e3), np.log(8e4)))), float(rng.uniform(0.2, 0.4))
-    mu, lam = lame(E, nu)
-    return Material(LAWS[LAW], {"mu": mu, "lam": lam}, DENSITY)
-
-
-def run_demo(folder: Path, seed: int, say: Callable[[str], None]) -> Outcome:
-    """The whole demo into a folder: recordings, material, prediction, report."""
     rng = np.random.default_rng(seed)
-    truth = hidden_material(rng)
-    say("1/5 a soft cube of hidden stiffness is thrown (compiling kernels the first time)")
-    write_recording(replace(thrown(truth, rng, NOISE), v_0=None), folder / "recording.h5")
-    write_recording(thrown(truth, rng, 0.0), folder / "unseen.h5")
-    write_json(folder / "truth.json", {"law": LAW, "values": truth.values})
-    del truth
-    say("2/5 its law is identified from noisy positions at 100 Hz")
-    answer = identify(read(folder / "recording.h5"))
+    changes = [*changes, f"measure.noise={NOISE}", f"measure.sensor.noise=[{FORCE_NOISE}]"]
+    changes += [f"measure.seed={seed}", f"measure.sensor.seed={seed}"]
+    hidden = hidden_changes(rng)
+    say("1/5 the arm presses a soft block of hidden material (compiling kernels the first time)")
+    scenario = load_scenario(SCENARIO, (*changes, *hidden))
+    run = prepare(scenario, shown(), View(field="stress"))
+    write_recording(record(run), folder / "recording.h5")
+    run.write_page(folder / "station.html")
+    _pictures(run, folder)
+    say("2/5 and a second, fresh block deeper and faster, for the test of the prediction")
+    unseen = load_scenario(SCENARIO, (*changes, *hidden, f"probe.waypoints={UNSEEN}"))
+    write_recording(record(prepare(unseen)), folder / "unseen.h5")
+    text = scenario_text(SCENARIO, (*changes, f"probe.waypoints={UNSEEN}"), hidden=True)
+    write_text(folder / "scenario.yaml", text)
+    write_json(folder / "truth.json", truth(scenario))
+    del scenario, unseen, run, hidden
+    say("3/5 the law is identified from tracked points and measured force")
+    answer = identify(read(folder / "recording.h5").measured_by("sensor"))
     answer.material.write(folder / "material.yaml")
     write_json(folder / "identification.json", answer.to_json())
-    say("3/5 a motion that it has not seen is predicted")
-    unseen = read(folder / "unseen.h5")
-    start = replace(answer.material, values=dict(answer.details["start"]), keys=())
-    before = predict(unseen, start)
-    after = predict(unseen, read_material(folder / "material.yaml"))
-    write_recording(after.recording, folder / "prediction.h5")
-    outcome = Outcome(answer, unseen, after, before)
-    say("4/5 the report is written")
-    _report(outcome, seed, folder)
+    say("4/5 the second press is predicted, with a first guess and with the identified material")
+    return _predicted(folder, answer, seed)
+
+
+def _pictures(run: Any, folder: Path) -> None:
+    from form_drake.systems.probe import begin
+    from form_drake.systems.snapshots import Studio, close_up, overview, write_snapshot
+
+    simulator = begin(run)
+    studio = Studio(run.station)
+    for name, camera in (("station", overview(run.station)), ("specimen", close_up(run.station))):
+        picture = studio.picture(simulator.get_context(), camera)
+        write_snapshot(folder / f"{name}.png", picture)
+
+
+def _predicted(folder: Path, answer: Identification, seed: int) -> Outcome:
+    from form_drake.systems.replay import Replay, replay
+    from form_drake.systems.scenario import load_scenario
+
+    scenario = load_scenario(folder / "scenario.yaml")
+    unseen = read(folder / "unseen.h5").measured_by("sensor")
+    E, share = GUESS
+    guess = {"E": E, "nu": unseen.known["nu"], "tau_y": share * E}
+    found: dict[str, Replay] = {}
+    for name, material in (
+        ("before", answer.material.changed(guess)),
+        ("after", read_material(folder / "material.yaml")),
+    ):
+        found[name] = replay(scenario, material, unseen)
+    write_recording(found["after"].recording, folder / "prediction.h5")
+    errors = {
+        name: {"shape_rms": r.shape_rms, "force_rms": r.force_rms, "peak_error": r.peak_error}
+        for name, r in found.items()
+    }
+    outcome = Outcome(answer, errors["before"], errors["after"])
+    _report(outcome, unseen, {n: r.recording for n, r in found.items()}, seed, folder)
     return outcome
-
-
-def error_mm(prediction: Prediction, unseen: Recording) -> np.ndarray:
-    """Root mean square distance of predicted and true points [mm], shape [frames]."""
-    error = prediction.recording.p_WQ - unseen.p_WQ
-    return 1e3 * np.sqrt((error**2).sum(axis=2).mean(axis=1))
 
 
 def parameter_rows(answer: Identification, truth: dict[str, float]) -> list[list[str]]:
     """Rows of the last table: identified, 95 % half-width, truth, error."""
-    true = Material(answer.material.law, truth, DENSITY).parameters()
+    true = Material(answer.material.law, truth).parameters()
     rows = []
     for key, p in answer.material.parameters().items():
         t = true[key].value
@@ -125,43 +141,58 @@ def parameter_rows(answer: Identification, truth: dict[str, float]) -> list[list
     return rows
 
 
-def _report(outcome: Outcome, seed: int, folder: Path) -> None:
-    from form_drake.figures import before_and_after, error_over_time, motion_strip
+def _report(
+    outcome: Outcome, unseen: Recording, predicted: dict[str, Recording], seed: int, folder: Path
+) -> None:
+    from form_drake.figures import error_over_time, force_over_time
 
     answer = outcome.answer
-    page = Report("form_drake demo: identify once, predict an unseen motion")
+    page = Report("form_drake demo: press once, predict an unseen press")
     page.paragraph(
-        f"Seed {seed}. A cube of {1e3 * EDGE:.0f} mm is thrown into a box; its points are recorded"
-        f" at {1 / (FRAME_STEPS * DT):.0f} Hz with {1e3 * NOISE} mm of noise. Known are shape,"
-        f" density, walls, the pose at the start and the kind of law ({LAW}); stiffness and initial"
-        " motion are not."
+        f"Seed {seed}. A Panda presses a block of 30 x 30 x 25 mm with a flat plate. Known are shape,"
+        f" density, Poisson's ratio and the kind of law ({answer.material.law.name}); stiffness and"
+        f" yield stress are not. Measured are 400 points with {1e6 * NOISE:.0f} um of noise and the"
+        f" force on the plate with {FORCE_NOISE} N. The whole probe plays in station.html."
     )
-    page.figure(motion_strip(read(folder / "recording.h5")), "The recorded motion.")
-    page.heading("Prediction of a motion that was not used")
-    caption = (
-        "Unseen throw where it is deformed most: true points and prediction, before (the best of"
-    )
-    caption += " a scan over decades of stiffness) and after identification. Colour: distance to the truth."
-    page.figure(before_and_after(outcome.unseen, outcome.before, outcome.after), caption)
-    curves = {"before": error_mm(outcome.before, outcome.unseen)}
-    curves["after"] = error_mm(outcome.after, outcome.unseen)
-    page.figure(error_over_time(outcome.unseen.time, curves), "Distance to the truth over time.")
-    page.paragraph(
-        f"Loss (mean square of a coordinate's error) {outcome.before.loss:.2e} m² before,"
-        f" {outcome.after.loss:.2e} m² after."
-    )
+    page.image(folder / "station.png", "The station.")
+    page.image(folder / "specimen.png", "The specimen before the probe.")
+    page.heading("Prediction of a press that was not used, deeper and faster")
+    tool = next(iter(unseen.poses))
+    curves = {"measured": unseen, "first guess": predicted["before"]}
+    curves["identified"] = predicted["after"]
+    forces = {k: (r.forces[tool].time, r.forces[tool].value) for k, r in curves.items()}
+    page.figure(force_over_time(forces), "Force on the plate, measured and predicted.")
+    shape = {k: distance_mm(r, unseen) for k, r in predicted.items()}
+    page.figure(error_over_time(unseen.time, shape), "Distance of predicted to measured points.")
+    errors = {"first guess": outcome.before, "identified": outcome.after}
+    rows = [
+        [
+            name,
+            f"{1e3 * e['shape_rms']:.3f} mm",
+            f"{100 * e['force_rms']:.2f} %",
+            f"{100 * e['peak_error']:+.2f} %",
+        ]
+        for name, e in errors.items()
+    ]
+    page.table(["material", "shape, rms", "force, rms of the peak", "peak force"], rows)
     page.heading("The identified law, and the truth that was hidden")
     truth = read_mapping(folder / "truth.json")["values"]
     head = ["parameter", "unit", "identified", "± 95 %", "truth", "error"]
     page.table(head, parameter_rows(answer, truth))
     page.paragraph(
-        f"{answer.rows} equations, residual {1e3 * answer.residual:.3f} mm, condition"
-        f" {answer.condition:.1f}, {answer.details['rollouts']} rollouts in {answer.seconds:.1f} s."
+        f"{answer.rows} equations, condition {answer.condition:.1f}, {answer.seconds:.1f} s."
     )
     page.heading("Not verified here")
     page.paragraph(
-        "Recording and prediction come from the same solver, so this shows the workflow and the error"
-        " bars, not agreement with an independent simulation or a real material; for data that"
-        " another program made see: form-drake bench table2."
+        "Probe and prediction come from the same solver, so this shows the workflow and the error"
+        " bars, not agreement with an independent simulation or a real material; for finite elements"
+        " and measured rubber see: form-drake bench weak-form and bench rubber."
     )
     page.write(folder / "report.html")
+
+
+def distance_mm(prediction: Recording, unseen: Recording) -> np.ndarray:
+    """Root mean square distance of predicted and measured points [mm], shape [frames]."""
+    error = prediction.p_WQ - unseen.p_WQ
+    found: np.ndarray = 1e3 * np.sqrt((error**2).sum(axis=2).mean(axis=1))
+    return found

@@ -51,7 +51,14 @@ class Report:
         """A matplotlib figure with its caption."""
         image = io.BytesIO()
         figure.savefig(image, format="png", dpi=110, bbox_inches="tight")
-        data = base64.b64encode(image.getvalue()).decode()
+        self._picture(image.getvalue(), caption)
+
+    def image(self, path: Path, caption: str) -> None:
+        """A PNG file with its caption, taken into the page."""
+        self._picture(path.read_bytes(), caption)
+
+    def _picture(self, png: bytes, caption: str) -> None:
+        data = base64.b64encode(png).decode()
         text = escape(caption)
         self._parts.append(
             f'<figure><img alt="{text}" src="data:image/png;base64,{data}">'

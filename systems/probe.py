@@ -189,15 +189,15 @@ def _recording(
     }
     rng = np.random.default_rng((measure.seed, 1))
     low, high = (" ".join(f"{v:.9g}" for v in corner) for corner in specimen_corners(scenario))
-    scale = solver.mass_scale
     values = {k: v for k, v in scenario.specimen.material.items() if k in specimen.known}
     return Recording.from_arrays(
         stamps,
         frames + rng.normal(0.0, measure.noise, frames.shape) if measure.noise else frames,
         noise=measure.noise or None,
         p_reference=run.station.material.scene.rest[chosen],
-        density=specimen.made().density * scale,
-        gravity=run.station.plant.gravity_field().gravity_vector() / scale,
+        density=specimen.made().density,
+        mass_scale=solver.mass_scale,
+        gravity=run.station.plant.gravity_field().gravity_vector(),
         law=specimen.law,
         known=values,
         poses={tool: Stream(time, np.array(signals["X_WT"]))},

@@ -88,17 +88,18 @@ def test_a_strip_ends_at_its_clamp(tmp_path):
 def test_refusals_are_counted_beside_errors(motions, monkeypatch):
     calls = []
 
-    def refusing(recordings, **options):
-        calls.append(options["weak"].estimator)
-        raise Unidentifiable(("C1",), "noise hides it")
+    def refusing(recordings, estimators, options):
+        calls.extend(estimators)
+        return dict.fromkeys(estimators, Unidentifiable(("C1",), "noise hides it"))
 
-    monkeypatch.setattr(weak_form, "identify", refusing)
+    monkeypatch.setattr(weak_form, "estimates", refusing)
     monkeypatch.setattr(Motions, "recordings", lambda self, cases: [])
     monkeypatch.setattr(Motions, "truth", lambda self, case: {"C1": 1.0})
     found = weak_form.noisy(motions, ["any"], replace, ("gls", "ols"), 3)
     assert found["gls"]["refused"] == found["ols"]["refused"] == 3
     assert calls == ["gls", "ols"] * 3
     refused = weak_form.exact(motions, ["any"])
+    assert calls[6:] == ["gls"]
     result = {"noise/yeoh/1/seeds3": found, "exact/yeoh": refused}
     text = weak_form.table({"cases": result, "goals": weak_form.GOALS})
     assert "refused: C1  MISSED" in text and " 3" in text

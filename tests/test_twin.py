@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from form_drake import Recording, Solver, Wall, read
+from form_drake import Recording, Solver, Wall, identify, read
+from form_drake.identify import WeakOptions
 from form_drake.identify.led import Led, LedOptions
+from form_drake.identify.scene import stated_scenes
 from form_drake.identify.twin import Offset, identify_led
 from form_drake.laws import LAWS
 from form_drake.mpm.bodies import block, rigid_velocity
 from form_drake.mpm.simulation import Simulation
-from form_drake.weak.balance import series
+from form_drake.weak.balance import balance
 from form_drake.weak.grid import GridFields
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.system import Row, WeakSystem
@@ -85,10 +87,10 @@ def test_rows_equal_the_balance_of_the_carried_motion(recording):
     motion = led.motion(TRUE)
     fields = GridFields(led.tests.centres, np.full(3, led.tests.spacing), ())
     T = unit_stresses(LAW, motion.F, motion.L, TRUE)
-    found = series(fields, motion, T, recording.gravity)
+    found = balance(fields, motion, recording.gravity)
     chi, rate = led.windows.chi, led.windows.rate
-    A = np.einsum("wt,ktf->wfk", chi, found.stress).reshape(-1, 2)
-    b = (chi @ (found.load + found.carried) + rate @ found.momentum).ravel()
+    A = np.stack([found.stress(Tk, chi).ravel() for Tk in T], axis=1)
+    b = (chi @ (found.rest.load + found.rest.carried) + rate @ found.rest.momentum).ravel()
     for wanted, own in ((A, system.A), (b[:, None], system.b[:, None])):
         gaps = np.abs(own[:, None] - wanted[None]).max(axis=2).min(axis=1)
         assert gaps.max() < 1e-5 * np.abs(wanted).max()
@@ -135,3 +137,50 @@ def test_shared_jelly_reads_a_quarter_of_the_papers_bias():
     quarter = 0.25 * np.array([0.019, 0.040])
     assert np.all(engineering(found.answers[0]) < 4.0 * quarter)
     assert np.all(engineering(found.answers[2]) < 0.1 * quarter)
+
+
+# --- the twin as an option of the weak form -------------------------------------------------------
+def swinging(values):
+    """400 tracks of a free block that starts to swell and shear, at 200 Hz."""
+    solver = Solver(
+        dx=0.025, nodes=(40, 40, 40), dt=5e-4, gradient="mls", walls=(), gravity=(0.0, 0.0, 0.0)
+    )
+    body = block((0.5, 0.5, 0.5), (0.3, 0.3, 0.3), 0.0125, 1000.0)
+    rate = np.array([[1.5, 4.5, 0.0], [0.0, -2.4, 1.8], [2.7, 0.0, 3.6]])
+    simulation = Simulation(solver, LAW, body)
+    simulation.set_material(values)
+    simulation.reset(body.x, (body.x - body.x.mean(axis=0)) @ rate.T)
+    step = np.arange(0, 501, 10)
+    tracked = np.random.default_rng(0).choice(len(body.x), 400, replace=False)
+    return Recording(
+        time=step * solver.dt,
+        p_WQ=simulation.run(step)[:, tracked],
+        density=body.density,
+        gravity=np.zeros(3),
+        geometry={"shape": "box", "low": "0.35 0.35 0.35", "high": "0.65 0.65 0.65"},
+        contact={"other": "free"},
+        law=LAW.name,
+    )
+
+
+def test_a_twin_brings_the_weak_form_nearer_to_the_truth():
+    found = identify(swinging(TRUE), twin=swinging, weak=WeakOptions(draws=0))
+    without = {k: v["value"] for k, v in found.details["without_twin"].items()}
+    assert found.details["twins"] == 2 and "without twin" in str(found)
+    assert np.abs(errors(without)).max() > 0.05
+    assert np.abs(errors(found.material.values)).max() < 5e-3
+
+
+def test_the_stated_scene_is_rolled_again(recording):
+    (again,) = stated_scenes([recording], LAW)(TRUE)
+    np.testing.assert_array_equal(again.p_WQ, recording.p_WQ)
+
+
+def test_twins_that_cannot_be_are_one_line(recording):
+    with pytest.raises(ValueError, match="--twin applies to the weak form"):
+        identify(recording, LAW.name, twin=swinging)
+    made = replace(swinging(TRUE), v_0=None)
+    with pytest.raises(ValueError, match="must state its solver"):
+        identify(made, twin="stated")
+    with pytest.raises(ValueError, match="must be those of the recording"):
+        identify(made, twin=lambda _: replace(made, p_WQ=made.p_WQ[:, 1:]))

@@ -11,10 +11,10 @@ from form_drake.files import whole_folder
 
 @dataclass(frozen=True)
 class Demo:
-    """Throw a soft body of hidden stiffness, identify it, predict an unseen motion, report."""
+    """Press a soft block of hidden material with the arm, identify it, predict another press."""
 
     seed: int | None = None
-    """Seed of the hidden material, the throws and the noise; default: a fresh one, printed."""
+    """Seed of the hidden material and the noise; default: a fresh one, printed."""
     out: Path = Path("runs/demo")
     """Folder to write; an earlier one is replaced as a whole."""
     json: bool = False
@@ -31,13 +31,15 @@ class Demo:
         result = {
             "seed": seed,
             "identification": outcome.answer.to_json(),
-            "loss_before": outcome.before.loss,
-            "loss_after": outcome.after.loss,
+            "before": outcome.before,
+            "after": outcome.after,
             "report": str(self.out / "report.html"),
         }
-        text = (
-            f"{outcome.answer}\nunseen motion: loss {outcome.before.loss:.2e} m^2 before,"
-            f" {outcome.after.loss:.2e} m^2 after identification"
-        )
+        told = [
+            f"{name}: shape {1e3 * e['shape_rms']:.3f} mm, force {100 * e['force_rms']:.2f} % rms,"
+            f" {100 * e['peak_error']:+.2f} % at its peak"
+            for name, e in (("first guess", outcome.before), ("identified", outcome.after))
+        ]
+        text = "\n".join([str(outcome.answer), "unseen press", *told])
         emit(text, result, as_json=self.json)
         say(f"5/5 open {self.out / 'report.html'}")

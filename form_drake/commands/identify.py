@@ -43,6 +43,8 @@ class Identify:
     """Values where rollouts start; default: a coarse scan that uses no truth."""
     known: Assignments = ""
     """Parameter values that are given; the weak form takes nu alone."""
+    force: str = "sensor"
+    """Source of the forces: sensor at the tool, or joint-torque, where the recording has both."""
     fields: str = ""
     """Test fields of the weak form, joined by commas: box, axial, bend, grid, potential; default:
     those that the stated faces of the body admit."""
@@ -88,6 +90,7 @@ class Identify:
             start=assignments(self.start),
             known=assignments(self.known),
             seed=self.seed,
+            force=self.force,
             weak=self._weak(),
             twin="stated" if self.twin else None,
         )

@@ -12,11 +12,18 @@ from typing import Any, Literal
 import numpy as np
 
 from form_drake.identify.rollout import identify_rollout
+from form_drake.identify.scene import Twin, stated_scenes
 from form_drake.identify.solve import Identification, Unidentifiable
 from form_drake.identify.start import default_start, is_led, leader, refuse_local_minimum
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
-from form_drake.identify.weak import Estimator, WeakOptions, identify_weak
+from form_drake.identify.weak import (
+    Estimator,
+    WeakOptions,
+    estimated,
+    identify_weak,
+    weighed,
+)
 from form_drake.laws import LAWS, Law, law_named
 from form_drake.laws.values import LAME, checked_values, finite
 from form_drake.records import Recording, degraded, rest_shape, thinned
@@ -83,7 +90,9 @@ def identify(
     start: Mapping[str, Any] | None = None,
     known: Mapping[str, Any] | None = None,
     seed: int = 0,
+    force: str = "sensor",
     weak: WeakOptions | Sequence[WeakOptions] | None = None,
+    twin: Twin | Literal["stated"] | None = None,
 ) -> Identification:
     """Identify a material from a recording.
 
@@ -103,7 +112,11 @@ def identify(
         known: parameter values that are given; those that the recording declares count too. The
             weak form takes ``nu`` alone, which ties mu and lam.
         seed: of the added noise.
+        force: source of the forces, see ``Recording.measured_by``.
         weak: how the weak form is set up; one for each recording, where fields or windows differ.
+        twin: of the weak form: from values of all parameters to the scene simulated with them, at
+            the points and frames of the recording; ``stated``: by the solver that it states. What
+            reading the scene does to the answer is taken off it, and both answers are told.
 
     Raises:
         ValueError: the recording or an option is not as needed.
@@ -112,6 +125,7 @@ def identify(
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise ValueError("no recording is given")
+    recordings = [r.measured_by(force) for r in recordings]
     first = recordings[0]
     chosen = declared_law(first, law)
     if method is None and observe is not None:
@@ -125,7 +139,10 @@ def identify(
         }
         _refuse_flags(flags, "step and rollout only: leave out --method weak")
         ready = [_degraded(r, stride, position_noise, add_noise, seed) for r in recordings]
-        return identify_weak(ready, chosen, _weak_known(ready, chosen, known or {}), weak)
+        if twin == "stated":
+            twin = stated_scenes(ready, chosen)
+        return identify_weak(ready, chosen, _weak_known(ready, chosen, known or {}), weak, twin)
+    _refuse_flags({"twin": twin is not None}, "the weak form: add --method weak")
     if len(recordings) > 1:
         raise ValueError(f"--method {method} takes one recording, got {len(recordings)}")
     given = declared_values(first, chosen) | checked_values(chosen, known or {})
@@ -157,6 +174,27 @@ def identify(
     }
     _refuse_flags(flags, "positions only: add --observe positions")
     return identify_step(first, chosen, observe=observe, known=given)
+
+
+def estimates(
+    recordings: Sequence[Recording], estimators: Sequence[Estimator], options: WeakOptions
+) -> dict[str, Identification | Unidentifiable]:
+    """What each estimator of the weak form says of the declared law; a refusal in its place.
+
+    Motions are read and rows weighed once for all of them.
+    """
+    law = declared_law(recordings[0], None)
+    try:
+        ready = weighed(recordings, law, _weak_known(recordings, law, {}), options)
+    except Unidentifiable as refusal:
+        return dict.fromkeys(estimators, refusal)
+    found: dict[str, Identification | Unidentifiable] = {}
+    for name in estimators:
+        try:
+            found[name] = estimated(ready, replace(options, estimator=name))
+        except Unidentifiable as refusal:
+            found[name] = refusal
+    return found
 
 
 def _refuse_flags(flags: Mapping[str, bool], reason: str) -> None:
@@ -269,7 +307,9 @@ __all__ = [
     "Identification",
     "Method",
     "Observe",
+    "Twin",
     "Unidentifiable",
     "WeakOptions",
+    "estimates",
     "identify",
 ]

@@ -217,20 +217,23 @@ class Led:
 
     def rolled(self, values: Values) -> "Led":
         """A rollout of the same scene by a law with these values, read in the same way."""
-        body = Body(self.recording.reference, self.stated.volume, self.stated.density)
-        simulation = Simulation(self.stated.solver, self.law, body)
-        simulation.set_material(values)
-        assert self.recording.v_0 is not None
-        simulation.reset(self.recording.reference, self.recording.v_0)
         step = self.recording.step
         assert step is not None
-        recorded = step - step[0] <= self.steps[-1]
-        p_WQ = simulation.run((step - step[0])[recorded])
-        twin = replace(
-            self.recording,
-            time=self.recording.time[recorded],
-            step=step[recorded],
-            p_WQ=p_WQ,
-            states=None,
+        whole, recorded = self.recording, step - step[0] <= self.steps[-1]
+        shown = replace(
+            whole, time=whole.time[recorded], step=step[recorded], p_WQ=whole.p_WQ[recorded]
         )
-        return Led(twin, self.law, self.options, self.tests)
+        return Led(rolled(shown, self.law, values), self.law, self.options, self.tests)
+
+
+def rolled(recording: Recording, law: Law, values: Values) -> Recording:
+    """The scene of a recording, which states its solver, rolled again by a law with some values."""
+    stated = stepped(recording)
+    simulation = Simulation(
+        stated.solver, law, Body(recording.reference, stated.volume, stated.density)
+    )
+    simulation.set_material(values)
+    assert recording.v_0 is not None and recording.step is not None
+    simulation.reset(recording.reference, recording.v_0)
+    p_WQ = simulation.run(recording.step - recording.step[0])
+    return replace(recording, p_WQ=p_WQ, valid=None, noise=None, states=None)

@@ -1,14 +1,16 @@
 """Variable projection: a search over nonlinear constants around the linear weak solve."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from form_drake.laws.values import finite
+from form_drake.motion import Motion
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Solution, Weights, bounded
 from form_drake.weak.stress import strain_over_radius
@@ -16,6 +18,8 @@ from form_drake.weak.system import WeakSystem, stacked
 from form_drake.weak.unknowns import Unknowns
 
 Level = Literal["row", "probe"]
+Rows = tuple[np.ndarray, np.ndarray]  # A, b
+Drawn = tuple[np.ndarray, dict[str, np.ndarray]]  # noise of coefficients [m] and of forces [N]
 
 GRID = 19
 SHAPE_SPAN = 300.0  # either way from the first guess of a shape constant
@@ -34,12 +38,14 @@ class Problem:
             constant is searched as the bound r on the elastic strain.
         level: the model error of a row is a share of its own size (``row``), or of the largest
             size among the rows of its probe (``probe``).
+        offset: added to A, shape [rows, terms], see ``form_drake.identify.twin``; None: nothing.
     """
 
     probes: tuple[Probe, ...]
     unknowns: Unknowns
     ranges: tuple[tuple[float, float], ...]
     level: Level = "row"
+    offset: np.ndarray | None = None
 
     @classmethod
     def of(cls, probes: Sequence[Probe], unknowns: Unknowns, level: Level) -> "Problem":
@@ -54,6 +60,14 @@ class Problem:
                 ranges.append((min(guess) / SHAPE_SPAN, max(guess) * SHAPE_SPAN))
         return cls(tuple(probes), unknowns, tuple(ranges), level)
 
+    def coordinates(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """The logarithms of the nonlinear constants, and theta, at given values of all parameters."""
+        law, eta = self.unknowns.law, []
+        for key in self.unknowns.searched:
+            bound = key in law.constants("yield")
+            eta.append(np.log(law.radius_vector(dict(values))[0] if bound else values[key]))
+        return np.array(eta), np.array([values[t.key] for t in law.terms])
+
     def values(self, eta: np.ndarray) -> dict[str, float]:
         """Constants of the law at exp(eta); terms are placeholders."""
         law = self.unknowns.law
@@ -66,32 +80,88 @@ class Problem:
                 values[key] = float(np.exp(e))
         return values
 
-    def system(
+    def rows(self, eta: np.ndarray, theta: np.ndarray | None = None) -> Rows:
+        """A and b at the nonlinear constants exp(eta); they are remembered.
+
+        Args:
+            eta: logarithms of the nonlinear constants.
+            theta: coefficients that set, up to a factor, the stretches along traction-free
+                directions; None: all that are sought are one.
+        """
+        return self._remembered("rows", eta, theta, self._rows)
+
+    def system(self, eta: np.ndarray, theta: np.ndarray | None = None) -> WeakSystem:
+        """All rows with their sizes, arguments as of ``rows``."""
+        theta = self._coefficients(theta)
+        A, b = self.rows(eta, theta)
+        sizes = self._remembered("sizes", eta, theta, self._sizes)
+        ends = np.cumsum([len(p.labels) for p in self.probes])[:-1]
+        systems = []
+        for probe, *own in zip(
+            self.probes, *(np.split(a, ends) for a in (A, b, sizes)), strict=True
+        ):
+            scale = np.abs(own[2] * theta).sum(axis=1)
+            if self.level == "probe":
+                scale = np.full(len(scale), scale.max())
+            systems.append(WeakSystem(own[0], own[1], scale, own[2], probe.labels))
+        return stacked(systems)
+
+    def disturbed(self, eta: np.ndarray, drawn: Sequence[Drawn], share: float) -> Rows | None:
+        """A and b with a share of ``drawn`` added to tracks and forces; None: it folds a body."""
+        moved = []
+        for probe, (change, push) in zip(self.probes, drawn, strict=True):
+            motion = probe.sampling.motion(probe.fit.c + share * change)
+            if motion.J.min() <= 0.0:
+                return None
+            moved.append((motion, {k: share * p for k, p in push.items()}))
+        return self._assembled(eta, self._coefficients(None), moved)
+
+    def _coefficients(self, theta: np.ndarray | None) -> np.ndarray:
+        return self.unknowns.theta(np.ones(len(self.unknowns.keys))) if theta is None else theta
+
+    @cached_property
+    def _memory(self) -> dict[tuple[str, bytes, bytes], Any]:
+        return {}
+
+    def _remembered(
+        self,
+        kind: str,
+        eta: np.ndarray,
+        theta: np.ndarray | None,
+        make: Callable[[np.ndarray, np.ndarray], Any],
+    ) -> Any:
+        direction = np.zeros(0)
+        if any(p.released for p in self.probes):
+            theta = self._coefficients(theta)
+            direction = np.round(theta / np.abs(theta).max(), 12)
+        key = (kind, eta.tobytes(), direction.tobytes())
+        if key not in self._memory:
+            self._memory[key] = make(eta, direction)
+        return self._memory[key]
+
+    def _rows(self, eta: np.ndarray, theta: np.ndarray) -> Rows:
+        return self._assembled(eta, theta, [(p.motion, {}) for p in self.probes])
+
+    def _assembled(
         self,
         eta: np.ndarray,
-        theta: np.ndarray | None = None,
-        drawn: Sequence[tuple[np.ndarray, dict[str, np.ndarray]]] | None = None,
-        sign: float = 1.0,
-        *,
-        sized: bool = True,
-    ) -> WeakSystem:
-        """All rows at the nonlinear constants exp(eta), with noise ``drawn`` added."""
-        systems = []
-        share = self.unknowns.theta(np.ones(len(self.unknowns.keys))) if theta is None else theta
-        for n, probe in enumerate(self.probes):
-            motion, pushed = probe.motion, {}
-            if drawn is not None:
-                motion = probe.sampling.motion(probe.fit.c + sign * drawn[n][0])
-                pushed = {k: sign * p for k, p in drawn[n][1].items()}
-            values = self.values(eta)
-            rows = probe.rows(self.unknowns.law, values, motion, share, pushed, sized=sized)
-            acting = np.abs(rows.sizes * share * self.unknowns.columns)
-            rows = replace(rows, scale=acting.sum(axis=1))
-            if self.level == "probe":
-                rows = replace(rows, scale=np.full(len(rows.b), rows.scale.max()))
-            systems.append(rows)
-        total = stacked(systems)
-        return replace(total, A=total.A * self.unknowns.columns)
+        theta: np.ndarray,
+        moved: Sequence[tuple[Motion, dict[str, np.ndarray]]],
+    ) -> Rows:
+        law, values, parts = self.unknowns.law, self.values(eta), []
+        for probe, (motion, push) in zip(self.probes, moved, strict=True):
+            along = probe.along(probe.released_motion(law, values, motion, theta))
+            A = probe.columns(along, law, values, self.unknowns.columns)
+            parts.append((A, probe.rest(along, push)))
+        A, b = (np.concatenate(p) for p in zip(*parts, strict=True))
+        return A if self.offset is None else A + self.offset, b
+
+    def _sizes(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        law, values, parts = self.unknowns.law, self.values(eta), []
+        for probe in self.probes:
+            motion = probe.released_motion(law, values, probe.motion, theta)
+            parts.append(probe.sizes(motion, law, values, self.unknowns.columns))
+        return np.concatenate(parts)
 
     def noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """Covariance of each probe's rows, probes being independent [(N m s)^2]."""
@@ -100,12 +170,11 @@ class Problem:
 
     def solved(self, system: WeakSystem, by: Weights) -> Solution:
         """The linear solution of a system under the signs that physics demands."""
-        A, b = self.reduced(system)
-        return bounded(A, b, by, self.floors(system))
+        return bounded(*self.reduced(system.A, system.b), by, self.floors(system))
 
-    def reduced(self, system: WeakSystem) -> tuple[np.ndarray, np.ndarray]:
+    def reduced(self, A: np.ndarray, b: np.ndarray) -> Rows:
         """Columns of phi and what the known part leaves of b."""
-        return system.A @ self.unknowns.M, system.b - system.A @ self.unknowns.offset
+        return A @ self.unknowns.M, b - A @ self.unknowns.offset
 
     def floors(self, system: WeakSystem) -> np.ndarray:
         """Least value of every phi: just above zero where it must be positive."""
@@ -121,8 +190,11 @@ class Problem:
             return np.zeros(0)
 
         def left(eta: np.ndarray) -> float:
-            r = by.white(self.solved(self.system(eta, sized=False), by).residual)
+            r = by.white(bounded(*self.reduced(*self.rows(eta)), by, least).residual)
             return float(r @ r)
+
+        signed = {t.key for t in self.unknowns.law.terms if t.signed}
+        least = np.where([k in signed for k in self.unknowns.keys], -np.inf, 0.0)
 
         spans = np.log(np.array(self.ranges))
         if len(spans) == 1:
@@ -137,9 +209,7 @@ class Problem:
         """d (A theta) / d eta, shape [rows, len(eta)]."""
         columns = np.zeros((sum(int(p.keep.sum()) for p in self.probes), len(eta)))
         for n, step in enumerate(DIFFERENCE * np.eye(len(eta))):
-            up, down = (
-                self.system(eta + s * step, theta, sized=False).A @ theta for s in (1.0, -1.0)
-            )
+            up, down = (self.rows(eta + s * step, theta)[0] @ theta for s in (1.0, -1.0))
             columns[:, n] = (up - down) / (2.0 * DIFFERENCE)
         return columns
 

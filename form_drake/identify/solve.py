@@ -159,14 +159,17 @@ class Identification:
 
 def table(answer: Identification) -> str:
     """The answer as a plain table with 95 % intervals; angles also in degrees."""
-    lines = [f"{'parameter':16}{'value':>16}{'± 95 %':>14}  unit"]
+    known, without = (answer.details.get(k, {}) for k in ("known", "without_twin"))
+    head = f"{'without twin':>16}" if without else ""
+    lines = [f"{'parameter':16}{'value':>16}{'± 95 %':>14}{head}  unit"]
     for key, p in answer.material.parameters().items():
-        band = "given" if p.std is None else f"{1.96 * p.std:.2g}"
+        band = "given" if p.std is None or key in known else f"{1.96 * p.std:.2g}"
         unit = "" if p.unit == "-" else p.unit
         if p.unit == "rad":
             unit = f"rad = {np.degrees(p.value):.4g} deg"
         mark = " (derived)" if p.derived else ""
-        lines.append(f"{key:16}{p.value:>16.8g}{band:>14}  {unit}{mark}")
+        first = f"{without[key]['value']:>16.8g}" if without else ""
+        lines.append(f"{key:16}{p.value:>16.8g}{band:>14}{first}  {unit}{mark}")
     lines.append(
         f"{answer.material.law.name}: {answer.method}, {answer.observed}; {answer.rows} rows,"
         f" condition {answer.condition:.3g}, residual {answer.residual:.3g}"

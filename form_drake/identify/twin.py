@@ -16,6 +16,7 @@ The cure is as good as the twin: what the simulator of the scene itself has wron
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -35,6 +36,7 @@ DIFFERENCE = 3e-3  # of the logarithm of the yield constant
 LARGEST_STEP = 0.4  # of the same
 
 Values = dict[str, float]
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -76,20 +78,20 @@ class Offset:
 
 
 def with_twins(
-    fit: Callable[[Offset | None, Values], Values],
-    twin: Callable[[Values], Offset],
-    start: Values,
+    first: Answer,
+    twin: Callable[[Answer], Offset],
+    fit: Callable[[Offset, Answer], Answer],
     count: int = TWINS,
-) -> list[Values]:
+) -> list[Answer]:
     """The answer without a twin, then with one twin after the other.
 
     Args:
-        fit: parameters from the data's rows with an offset, started at given ones.
-        twin: the offset of a twin rolled with given parameters.
-        start: of the first fit.
+        first: without a twin.
+        twin: the offset of a twin rolled with an answer.
+        fit: the answer of the data's rows with an offset, started at an answer.
         count: of twins; each is rolled with the answer before it.
     """
-    answers = [fit(None, start)]
+    answers = [first]
     for _ in range(count):
         answers.append(fit(twin(answers[-1]), answers[-1]))
     return answers
@@ -143,7 +145,7 @@ def identify_led(
     def twin(values: Values) -> Offset:
         return Offset.of(data.rolled(values).system(values), law.theta(values))
 
-    answers = with_twins(fit, twin, dict(start), twins)
+    answers = with_twins(fit(None, dict(start)), twin, fit, twins)
     return TwinFit(tuple(answers), tuple(fit.residuals), fit.rows, fit.passes)
 
 

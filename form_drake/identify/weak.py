@@ -7,8 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from form_drake.identify.scene import Twin, twin_offset
 from form_drake.identify.search import Level, Problem
 from form_drake.identify.solve import Identification, Unidentifiable, require_given
+from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import noise_bias, parameters, refuse
 from form_drake.laws import Law
 from form_drake.material import Material
@@ -81,11 +83,33 @@ class WeakFit:
     bias: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Weighed:
+    """A problem, and the weights of its rows: all that does not depend on the estimator.
+
+    Attributes:
+        problem: probes and unknowns.
+        eta: logarithms of the nonlinear constants by generalised least squares.
+        solution: of the linear coefficients.
+        by: weights.
+        noise: covariance of each probe's rows [(N m s)^2].
+        seconds: that it took [s].
+    """
+
+    problem: Problem
+    eta: np.ndarray
+    solution: Solution
+    by: Weights
+    noise: list[np.ndarray]
+    seconds: float
+
+
 def identify_weak(
     recordings: Sequence[Recording],
     law: Law,
     known: Mapping[str, float],
     options: WeakOptions | Sequence[WeakOptions] | None = None,
+    twin: Twin | None = None,
 ) -> Identification:
     """Identify a law from the weak momentum balance of one or several probes.
 
@@ -94,29 +118,76 @@ def identify_weak(
         law: the law.
         known: given values; ``nu`` ties mu and lam.
         options: of the weak form; of every probe, where they differ in fields and windows.
+        twin: simulates the scenes with given parameters, see ``form_drake.identify.scene``. Its
+            offset is put into the columns; ``details`` then holds the answer without it.
 
     Raises:
         ValueError: a recording lacks what the balance needs.
         Unidentifiable: the motions do not determine the parameters.
     """
     each = _of_every_probe(options, len(recordings))
-    options = each[0]
+    ready = weighed(recordings, law, known, each)
+    first = estimated(ready, each[0])
+    if twin is None:
+        return first
+
+    def offset(answer: Identification) -> Offset:
+        return twin_offset(ready.problem, recordings, twin, answer.material.values)
+
+    def again(found: Offset, _: Identification) -> Identification:
+        return estimated(weighing(replace(ready.problem, offset=found.share)), each[0])
+
+    answers = with_twins(first, offset, again)
+    without, last = first.material.parameters(), answers[-1]
+    details = {
+        **last.details,
+        "twins": len(answers) - 1,
+        "without_twin": {k: {"value": v.value, "std": v.std} for k, v in without.items()},
+    }
+    return replace(last, details=details, seconds=sum(a.seconds for a in answers))
+
+
+def weighed(
+    recordings: Sequence[Recording],
+    law: Law,
+    known: Mapping[str, float],
+    options: WeakOptions | Sequence[WeakOptions] | None = None,
+) -> Weighed:
+    """Read the motions, search, and weigh the rows; arguments as of ``identify_weak``."""
     begun = time.perf_counter()
     require_given(law.name, [k for k in law.constants("given") if k not in known])
-    problem = _problem(recordings, law, known, each)
-    compiled = time.perf_counter()
-    answer, fit = _answer(problem, options)
-    seconds = time.perf_counter() - compiled
-    reading = compiled - begun
+    problem = _problem(recordings, law, known, _of_every_probe(options, len(recordings)))
+    reading = time.perf_counter() - begun
+    found = weighing(problem)
+    return replace(found, seconds=found.seconds + reading)
+
+
+def weighing(problem: Problem) -> Weighed:
+    """Search, and weigh the rows of a problem."""
+    begun = time.perf_counter()
+    found = _weighted(problem)
+    return Weighed(problem, *found, time.perf_counter() - begun)
+
+
+def estimated(ready: Weighed, options: WeakOptions) -> Identification:
+    """The answer of one estimator.
+
+    Raises:
+        Unidentifiable: the motions do not determine the parameters.
+    """
+    begun = time.perf_counter()
+    answer, fit = _answer(ready, options)
     details = {
-        "pressure": problem.unknowns.pressure,
+        "pressure": ready.problem.unknowns.pressure,
+        "known": dict(ready.problem.unknowns.known),
         "estimator": options.estimator,
-        "probes": [_described(p) for p in problem.probes],
+        "probes": [_described(p) for p in ready.problem.probes],
         "model_error": fit.error,
         "bias_removed": fit.bias,
         **answer.details,
     }
-    return replace(answer, details=details, seconds=seconds + reading, weak=fit)
+    seconds = ready.seconds + time.perf_counter() - begun
+    return replace(answer, details=details, seconds=seconds, weak=fit)
 
 
 def _of_every_probe(
@@ -168,15 +239,16 @@ def _described(probe: Probe) -> dict[str, object]:
     }
 
 
-def _answer(problem: Problem, options: WeakOptions) -> tuple[Identification, WeakFit]:
-    eta, solution, by, noise = _weighted(problem)
+def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakFit]:
+    problem, eta, solution, by = ready.problem, ready.eta, ready.solution, ready.by
+    noise = ready.noise
     if options.estimator == "ols":
         equal = Weights(tuple(np.eye(len(n)) for n in noise), by.error)
         eta = problem.searched(equal)
         solution = problem.solved(problem.system(eta), equal)
     theta = problem.unknowns.theta(solution.theta)
     system = problem.system(eta, theta)
-    J = np.hstack([problem.reduced(system)[0], problem.slopes(eta, theta)])
+    J = np.hstack([problem.reduced(system.A, system.b)[0], problem.slopes(eta, theta)])
     target = system.b - system.A @ theta + J[:, : len(solution.theta)] @ solution.theta
     free = solved(J, target, by)
     if options.estimator == "ols":
@@ -233,7 +305,7 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
         theta = problem.unknowns.theta(solution.theta)
         noise = problem.noise(eta, theta)
         system = problem.system(eta, theta)
-        by = balanced(noise, system.scale, *problem.reduced(system))
+        by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
         if n == 0:
             eta = problem.searched(by, eta)
         solution = problem.solved(problem.system(eta), by)

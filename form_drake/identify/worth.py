@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from form_drake.identify.search import Problem
+from form_drake.identify.search import Drawn, Problem, Rows
 from form_drake.identify.solve import Unidentifiable
 from form_drake.laws.values import LAME
 from form_drake.weak.solve import Solution, Weights, solved
@@ -69,7 +69,8 @@ def noise_bias(
 ) -> np.ndarray:
     """What noise of the size that the data hold adds to (phi, eta) on average.
 
-    Antithetic pairs: the linear part cancels, errors-in-variables and curvature remain.
+    Antithetic pairs: the linear part cancels, errors-in-variables and curvature remain. They grow
+    with the square of the noise, so that a share of a draw that would fold a body tells them too.
 
     Raises:
         Unidentifiable: columns that are noise for the most part.
@@ -78,18 +79,23 @@ def noise_bias(
     unknowns = problem.unknowns
     count = len(unknowns.keys)
 
-    def moved(drawn: Any, sign: float) -> tuple[np.ndarray, np.ndarray]:
-        A, b = problem.reduced(problem.system(eta, drawn=drawn, sign=sign, sized=False))
+    def solution(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        A, b = problem.reduced(*rows)
         return A, solved(np.hstack([A, J[:, count:]]), b, by).theta
 
-    columns, still = moved(None, 1.0)
+    def pair(drawn: Sequence[Drawn], part: float) -> tuple[list[Any], float]:
+        both = [problem.disturbed(eta, drawn, sign * part) for sign in (1.0, -1.0)]
+        found = [solution(rows) for rows in both if rows is not None]
+        return (found, part) if len(found) == 2 else pair(drawn, 0.5 * part)
+
+    columns, still = solution(problem.rows(eta))
     shifts, noise = [], np.zeros((count, count))
     for _ in range(draws):
         drawn = [p.drawn(rng) for p in problem.probes]
-        up, down = moved(drawn, 1.0), moved(drawn, -1.0)
-        change = 0.5 * (up[0] - down[0])
+        (up, down), part = pair(drawn, 1.0)
+        change = 0.5 * (up[0] - down[0]) / part
         noise += change.T @ change / draws
-        shifts.append(0.5 * (up[1] + down[1]) - still)
+        shifts.append((0.5 * (up[1] + down[1]) - still) / part**2)
     if count:
         share, directions = eigh(noise, columns.T @ columns)
         if share[-1] > LARGEST_NOISE:

@@ -15,6 +15,7 @@ from form_drake.motion.knots import chosen_space, chosen_time, filled, normal, p
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording
 
+NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 
 
@@ -61,14 +62,19 @@ class Fit:
         }
 
 
-def fit_tracks(recording: Recording, body: Body) -> Fit:
+def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit:
     """Fit the tracks of a recording.
+
+    Args:
+        recording: of the tracks.
+        body: the specimen.
+        like: fit whose bases are taken; None: they are chosen.
 
     Raises:
         ValueError: too few points or frames, or points on one plane.
     """
     X, u, valid, time = _tracks(recording, body)
-    space = chosen_space(X, u, valid, body)
+    space = chosen_space(X, u, valid, body) if like is None else like.space
     u = filled(space, X, u, valid)
     c, root = _projected(space, X, u, valid)
     rest = u - space.matrix(X) @ c
@@ -77,7 +83,10 @@ def fit_tracks(recording: Recording, body: Body) -> Fit:
     stated = recording.noise
     jitter = _jitter(recording.time, u, valid)
     white = np.linalg.solve(root, c.reshape(len(time), space.size, 3)).reshape(len(time), -1)
-    splines = chosen_time(time, white, stated or min(spread, jitter))
+    if like is None:
+        splines = chosen_time(time, white, stated or min(spread, jitter))
+    else:
+        splines = like.time
     B = splines.matrix(time)
     gamma, time_root = _least_squares(B, c.reshape(len(time), -1))
     c_ab = gamma.reshape(splines.size, space.size, 3).transpose(1, 2, 0)
@@ -150,26 +159,26 @@ def _projected(
     return flat.reshape(-1, T, 3).transpose(1, 0, 2), inverse
 
 
+def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the cubic through four neighbours of every stamp, shape [middles, 4], and its index."""
+    middle = np.arange(2, len(time) - 2)
+    t = time[middle[:, None] + NEAR] - time[middle, None]
+    weights = [
+        np.prod([-t[:, j] / (t[:, i] - t[:, j]) for j in range(4) if j != i], axis=0)
+        for i in range(4)
+    ]
+    return np.stack(weights, axis=1), middle
+
+
 def _jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
     """Noise of one coordinate [m] from its deviation from the cubic through four neighbours.
 
     The median over frames, so that moments of fast motion do not count.
     """
-    offsets = np.array([-2, -1, 1, 2])
-    middle = np.arange(2, len(time) - 2)
-    t = time[middle[:, None] + offsets] - time[middle, None]
-    weights = np.stack(
-        [
-            np.prod([-t[:, j] / (t[:, i] - t[:, j]) for j in range(4) if j != i], axis=0)
-            for i in range(4)
-        ],
-        axis=1,
-    )
-    error = u[middle] - np.einsum(
-        "fk,fkpi->fpi", weights, u[middle[:, None] + offsets], optimize=True
-    )
+    weights, middle = neighbours(time)
+    error = u[middle] - np.einsum("fk,fkpi->fpi", weights, u[middle[:, None] + NEAR], optimize=True)
     error /= np.sqrt(1.0 + np.sum(weights**2, axis=1))[:, None, None]
-    sure = valid[middle] & valid[middle[:, None] + offsets].all(axis=1)
+    sure = valid[middle] & valid[middle[:, None] + NEAR].all(axis=1)
     square = np.array(
         [np.mean(e[s] ** 2) if s.any() else np.nan for e, s in zip(error, sure, strict=True)]
     )

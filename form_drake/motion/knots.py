@@ -74,11 +74,12 @@ def chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) ->
         for n in range(3)
     ]
 
+    @cache
+    def splines(n: int, rung: int) -> Splines:
+        return Splines.graded(body.low[n], body.high[n], *LADDER[rung], held[n])
+
     def tensor(rungs: tuple[int, ...]) -> Tensor:
-        a, b, c = (
-            Splines.graded(body.low[n], body.high[n], *LADDER[r], held[n])
-            for n, r in enumerate(rungs)
-        )
+        a, b, c = (splines(n, r) for n, r in enumerate(rungs))
         return Tensor((a, b, c))
 
     @cache

@@ -131,29 +131,32 @@ class Sampling:
 
     def motion(self, c: np.ndarray) -> Motion:
         """The motion with coefficients ``c`` [m], shape [space, 3, series]."""
-        now = np.einsum("aib,tb->tai", c, self.series, optimize=True)
-        rate = np.einsum("aib,tb->tai", c, self.rate, optimize=True)
-        G = self.gradient.transpose(0, 2, 1).reshape(-1, self.value.shape[1])
-        shape = (len(self.time), len(self.X), 3, 3)
-        F = np.eye(3) + (G @ now).reshape(shape).swapaxes(2, 3)
-        F_rate = (G @ rate).reshape(shape).swapaxes(2, 3)
+        now = np.einsum("aib,tb->tia", c, self.series, optimize=True)
+        rate = np.einsum("aib,tb->tia", c, self.rate, optimize=True)
+        F = np.eye(3) + self._spread(now, self.gradient)
+        hessian = self.hessian
         return Motion(
             time=self.time,
             X=self.X,
-            x=self.X + self.value @ now,
-            v=self.value @ rate,
+            x=self.X + self._spread(now, self.value),
+            v=self._spread(rate, self.value),
             F=F,
-            L=F_rate @ inverse(F),
+            L=self._spread(rate, self.gradient) @ inverse(F),
             volume=self.volume,
             mass=self.density * self.volume,
             pressure=self.pressure,
             body_force=self.body_force,
-            second=self._second(now),
+            second=None if hessian is None else self._spread(now, hessian),
         )
 
-    def _second(self, now: np.ndarray) -> np.ndarray | None:
-        if self.hessian is None:
-            return None
-        H = self.hessian.transpose(0, 2, 3, 1).reshape(-1, self.value.shape[1])
-        found: np.ndarray = (H @ now).reshape(len(self.time), len(self.X), 3, 3, 3)
-        return np.moveaxis(found, -1, 2)
+    def _spread(self, c: np.ndarray, basis: np.ndarray) -> np.ndarray:
+        """Sums of functions at the points, shape [times, points, 3, ...], as one matrix product.
+
+        Args:
+            c: coefficients, shape [times, 3, space].
+            basis: shape [points, space, ...].
+        """
+        flat = np.moveaxis(basis, 1, 0).reshape(basis.shape[1], -1)
+        found = (c.reshape(-1, len(flat)) @ flat).reshape(*c.shape[:2], len(basis), -1)
+        spread = np.ascontiguousarray(found.swapaxes(1, 2))
+        return spread.reshape(*spread.shape[:3], *basis.shape[2:])

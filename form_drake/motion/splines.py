@@ -1,6 +1,7 @@
 """B-spline bases on an interval and on a box, as dense matrices."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -46,15 +47,16 @@ class Splines:
         ends = np.ones(self.degree)
         return np.concatenate([self.breaks[0] * ends, self.breaks, self.breaks[-1] * ends])
 
-    def gram(self, derivative: int) -> np.ndarray:
-        """Integral of products of derivatives over the interval scaled to length one."""
+    @cached_property
+    def grams(self) -> tuple[np.ndarray, ...]:
+        """Integrals of products of values, slopes and curvatures, the interval scaled to length one."""
         node, weight = np.polynomial.legendre.leggauss(self.degree + 1)
         half = 0.5 * np.diff(self.breaks)[:, None]
         x = (self.breaks[:-1, None] + half * (node + 1.0)).ravel()
         length = self.breaks[-1] - self.breaks[0]
-        values = self.matrix(x, derivative) * length**derivative
-        found: np.ndarray = values.T @ (values * ((half * weight) / length).ravel()[:, None])
-        return found
+        share = ((half * weight) / length).ravel()[:, None]
+        values = [self.matrix(x, d) * length**d for d in range(3)]
+        return tuple(v.T @ (v * share) for v in values)
 
     def matrix(self, x: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Values or derivatives of all functions at ``x``, shape [len(x), size].
@@ -93,7 +95,7 @@ class Tensor:
         Returns:
             Matrix K with c^T K c the integral of a field with coefficients c, shape [size, size].
         """
-        grams = [[axis.gram(d) for d in range(3)] for axis in self.axes]
+        grams = [axis.grams for axis in self.axes]
         total = np.zeros((self.size, self.size))
         for orders in np.ndindex(3, 3, 3):
             if sum(orders) == 2:

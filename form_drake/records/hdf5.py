@@ -27,6 +27,8 @@ def write_recording(recording: Recording, path: Path) -> None:
         file.attrs["form_drake_recording"] = VERSION
         file.attrs["source"] = recording.source
         file.attrs["noise"] = "unknown" if recording.noise is None else recording.noise
+        if recording.mass_scale != 1.0:
+            file.attrs["mass_scale"] = recording.mass_scale
         for name in ("density", "law"):
             if getattr(recording, name) is not None:
                 file.attrs[name] = getattr(recording, name)
@@ -91,8 +93,9 @@ def _read(file: h5py.File) -> Recording:
     values = _read_arrays(file, Recording)
     noise = file.attrs.get("noise", "unknown")
     values["noise"] = None if _text(noise) == "unknown" else finite("noise", noise)
-    if "density" in file.attrs:
-        values["density"] = finite("density", file.attrs["density"])
+    for name in ("density", "mass_scale"):
+        if name in file.attrs:
+            values[name] = finite(name, file.attrs[name])
     values["law"] = _text(file.attrs["law"]) if "law" in file.attrs else None
     values["source"] = _text(file.attrs.get("source", ""))
     for name in TEXTS:

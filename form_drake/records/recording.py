@@ -99,6 +99,8 @@ class Recording:
         v_0: velocities at the first frame [m/s], shape [points, 3].
         volume: reference volume of each point [m^3], shape [points].
         density: mass per reference volume [kg/m^3].
+        mass_scale: factor on the masses of what moved, its inverse on gravity: a quasi-static
+            simulation in larger steps; 1 for what was measured.
         gravity: acceleration [m/s^2], shape [3].
         pressure: supplied Cauchy pressure at the points [Pa], shape [frames, points].
         body_force: force per mass besides gravity [m/s^2], shape [frames, points, 3].
@@ -133,6 +135,7 @@ class Recording:
     rest: np.ndarray | None = array("rest", "intervals 2", "s")
     noise: float | None = None
     density: float | None = None
+    mass_scale: float = 1.0
     solver: Solver | None = None
     states: States | None = None
     law: str | None = None
@@ -167,6 +170,8 @@ class Recording:
                 (np.asarray(positive) > 0) & np.isfinite(positive)
             ):
                 raise ValueError(f"{name}: must be positive and finite")
+        if not 0 < self.mass_scale < np.inf:
+            raise ValueError(f"mass_scale: must be positive and finite, got {self.mass_scale}")
         if self.noise is not None and not 0 <= self.noise < np.inf:
             raise ValueError(f"noise: must be finite and not negative, got {self.noise}")
         for name in [*self.poses, *self.forces, *self.cameras]:

@@ -11,10 +11,13 @@ so that with a window chi the balance reads (eq. 9 of the paper)
         = int chi (load + carried) + chi' momentum dt + int chi (force on the body) . psi dt.
 
 V is the reference volume and T_k a Kirchhoff stress; material fields pair with the first Piola
-stress T_k F^-T, so that their integrals are one matrix product over all times.
+stress T_k F^-T, so that their integrals are one matrix product over all times. All but the stress
+integrals are the same for every law, and are found once.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -22,36 +25,80 @@ from form_drake.motion import Motion
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Fields
 
+KEPT = 2**24  # entries of the gradients at all times, up to which they are remembered
+
 
 @dataclass(frozen=True)
-class Series:
-    """Integrals of one family of fields at the times of a motion.
+class Rest:
+    """What is integrated beside the stress, at the times of a motion.
 
     Attributes:
-        stress: shape [terms, times, fields] [N m per unit].
         load: shape [times, fields] [N m].
         momentum: shape [times, fields] [N m s].
         carried: shape [times, fields] [N m].
     """
 
-    stress: np.ndarray
     load: np.ndarray
     momentum: np.ndarray
     carried: np.ndarray
 
 
-def series(fields: Fields, motion: Motion, T: np.ndarray, gravity: np.ndarray) -> Series:
-    """Integrals of the balance.
+class Balance(Protocol):
+    """Integrals of one family of test fields along one motion."""
 
-    Args:
-        fields: test fields.
-        motion: of the body.
-        T: Kirchhoff stress per unit of each term, shape [terms, times, points, 3, 3].
-        gravity: [m/s^2], shape [3].
-    """
+    @property
+    def fields(self) -> Fields: ...
+
+    @property
+    def motion(self) -> Motion: ...
+
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        """Integrals of a stress over windows [N m s per unit], shape [windows, fields].
+
+        Args:
+            T: Kirchhoff stress, shape [times, points, 3, 3].
+            chi: the windows [s], shape [windows, times].
+        """
+        ...
+
+    @property
+    def rest(self) -> Rest:
+        """All the other integrals, at every time."""
+        ...
+
+
+def balance(fields: Fields, motion: Motion, gravity: np.ndarray) -> Balance:
+    """Integrals of ``fields`` along a motion under ``gravity`` [m/s^2], shape [3]."""
     if isinstance(fields, CurlFields):
-        return _transformed(fields, motion, T, gravity)
-    return (_fixed if fields.fixed else _moving)(fields, motion, T, gravity)
+        return _Curled(fields, motion, gravity)
+    return (_Fixed if fields.fixed else _Moving)(fields, motion, gravity)
+
+
+@dataclass(frozen=True)
+class Along:
+    """All families of test fields along one motion.
+
+    Attributes:
+        families: integrals of each.
+    """
+
+    families: tuple[Balance, ...]
+
+    @property
+    def motion(self) -> Motion:
+        return self.families[0].motion
+
+    @cached_property
+    def _last(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        """As ``Balance.stress``; a search that leaves a term as it was costs nothing for it."""
+        for k, Tk in enumerate(T):
+            if k not in self._last or not np.array_equal(self._last[k][0], Tk):
+                work = [f.stress(Tk, chi) for f in self.families]
+                self._last[k] = Tk, np.concatenate(work, axis=1)
+        return np.stack([self._last[k][1] for k in range(len(T))])
 
 
 def forces(motion: Motion, gravity: np.ndarray) -> np.ndarray:
@@ -60,85 +107,150 @@ def forces(motion: Motion, gravity: np.ndarray) -> np.ndarray:
     return np.broadcast_to(motion.mass[:, None] * body, motion.x.shape)
 
 
-def pressures(motion: Motion) -> np.ndarray | None:
-    """V J p of a supplied pressure [N m], shape [times, points]."""
-    if motion.pressure is None:
-        return None
-    found: np.ndarray = motion.volume * motion.J * motion.pressure
-    return found
-
-
 def _flat(a: np.ndarray) -> np.ndarray:
     return a.reshape(len(a), -1)
 
 
-def _fixed(fields: Fields, motion: Motion, T: np.ndarray, gravity: np.ndarray) -> Series:
-    sampled = fields.at(motion.frame(0))
-    value, gradient = _flat(sampled.value), _flat(sampled.gradient)
-    volume, transposed = motion.volume[:, None, None], motion.inverse.swapaxes(-1, -2)
+def _against(weights: np.ndarray, integrand: np.ndarray) -> np.ndarray:
+    """Sums over points and components, shape [times, fields]."""
+    found: np.ndarray = (weights @ _flat(integrand).T).T
+    return found
 
-    def against(weights: np.ndarray, integrand: np.ndarray) -> np.ndarray:
-        found: np.ndarray = (weights @ _flat(integrand).T).T
+
+@dataclass(frozen=True)
+class _Fixed:
+    """Material fields that no motion changes."""
+
+    fields: Fields
+    motion: Motion
+    gravity: np.ndarray
+
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        sampled = self.fields.at(self.motion.frame(0))
+        return _flat(sampled.value), _flat(sampled.gradient)
+
+    @cached_property
+    def _pull(self) -> np.ndarray:
+        """V F^-T, shape [times, points, 3, 3]."""
+        return self.motion.volume[:, None, None] * self.motion.inverse.swapaxes(-1, -2)
+
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        found: np.ndarray = chi @ _flat(T @ self._pull) @ self._tables[1].T
         return found
 
-    stress = np.stack([against(gradient, volume * (Tk @ transposed)) for Tk in T])
-    load = against(value, forces(motion, gravity))
-    supplied = pressures(motion)
-    if supplied is not None:
-        load = load + against(gradient, supplied[:, :, None, None] * transposed)
-    momentum = against(value, motion.mass[:, None] * motion.v)
-    return Series(stress, load, momentum, np.zeros_like(momentum))
+    @cached_property
+    def rest(self) -> Rest:
+        (value, gradient), motion = self._tables, self.motion
+        load = _against(value, forces(motion, self.gravity))
+        if motion.pressure is not None:
+            supplied = (motion.J * motion.pressure)[:, :, None, None]
+            load = load + _against(gradient, supplied * self._pull)
+        momentum = _against(value, motion.mass[:, None] * motion.v)
+        return Rest(load, momentum, np.zeros_like(momentum))
 
 
-def _transformed(fields: CurlFields, motion: Motion, T: np.ndarray, gravity: np.ndarray) -> Series:
-    """``_moving`` for psi = F w / J: the motion is moved over to stress and forces instead."""
-    assert motion.second is not None
-    w, dw = (_flat(a) for a in fields.curls(motion.X))
-    back = motion.F.swapaxes(-1, -2) / motion.J[..., None, None]
-    growth = np.einsum("tqki,tqikc->tqc", motion.inverse, motion.second, optimize=True)
-    transposed = motion.inverse.swapaxes(-1, -2)
+@dataclass(frozen=True)
+class _Moving:
+    """Fields that are sampled anew at every time."""
 
-    def against(integrand: np.ndarray, table: np.ndarray) -> np.ndarray:
-        found: np.ndarray = (table @ _flat(integrand).T).T
+    fields: Fields
+    motion: Motion
+    gravity: np.ndarray
+
+    @cached_property
+    def _kept(self) -> dict[int, np.ndarray]:
+        return {}
+
+    def _gradient(self, n: int, sampled: np.ndarray | None = None) -> np.ndarray:
+        """V grad psi along x at a time, shape [fields, 9 points]."""
+        if n in self._kept:
+            return self._kept[n]
+        motion = self.motion
+        gradient = self.fields.at(motion.frame(n)).gradient if sampled is None else sampled
+        if self.fields.material:
+            gradient = gradient @ motion.inverse[n]
+        found = _flat(gradient * motion.volume[:, None, None])
+        if found.size * len(motion.time) <= KEPT:
+            self._kept[n] = found
         return found
 
-    def vector(f: np.ndarray) -> np.ndarray:
-        return against((back @ f[..., None])[..., 0], w)
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        found = np.stack([self._gradient(n) @ Tn.ravel() for n, Tn in enumerate(T)])
+        return np.asarray(chi @ found)
 
-    stress = []
-    for Tk in motion.volume[:, None, None] * T:
-        S = Tk @ transposed
-        C = back @ S
-        bent = np.einsum("tqic,tqiac->tqa", S, motion.second, optimize=True)
-        B = bent / motion.J[..., None] - (C @ growth[..., None])[..., 0]
-        stress.append(against(B, w) + against(C, dw))
-    impulse = motion.mass[:, None] * motion.v
-    swell = np.trace(motion.L, axis1=2, axis2=3)[..., None]
-    carried = (motion.L.swapaxes(-1, -2) @ impulse[..., None])[..., 0] - swell * impulse
-    load = vector(forces(motion, gravity))  # a supplied pressure cancels
-    return Series(np.array(stress), load, vector(impulse), vector(carried))
+    @cached_property
+    def rest(self) -> Rest:
+        motion, fields = self.motion, self.fields
+        shape = (len(motion.time), len(fields.names))
+        load, momentum, carried = np.empty(shape), np.empty(shape), np.zeros(shape)
+        weight, impulse = forces(motion, self.gravity), motion.mass[:, None] * motion.v
+        flux = (motion.mass / motion.volume)[:, None, None] * (
+            motion.v[..., :, None] * motion.v[..., None, :]
+        )
+        for n in range(len(motion.time)):
+            sampled = fields.at(motion.frame(n))
+            value, gradient = _flat(sampled.value), self._gradient(n, sampled.gradient)
+            load[n] = value @ weight[n].ravel()
+            if motion.pressure is not None:
+                supplied = (motion.J[n] * motion.pressure[n])[:, None, None] * np.eye(3)
+                load[n] += gradient @ supplied.ravel()
+            momentum[n] = value @ impulse[n].ravel()
+            if sampled.rate is not None:
+                carried[n] = _flat(sampled.rate) @ impulse[n].ravel()
+            if not fields.material:
+                carried[n] += gradient @ flux[n].ravel()
+        return Rest(load, momentum, carried)
 
 
-def _moving(fields: Fields, motion: Motion, T: np.ndarray, gravity: np.ndarray) -> Series:
-    shape = (len(motion.time), len(fields.names))
-    stress = np.empty((len(T), *shape))
-    load, momentum, carried = np.empty(shape), np.empty(shape), np.empty(shape)
-    weight, supplied = forces(motion, gravity), pressures(motion)
-    impulse = motion.mass[:, None] * motion.v
-    scaled = motion.volume[:, None, None] * T
-    pull = np.broadcast_to(np.eye(3), motion.F.shape)
-    if fields.material:
-        pull = motion.inverse.swapaxes(-1, -2)
-        scaled = scaled @ pull
-    for n in range(len(motion.time)):
-        sampled = fields.at(motion.frame(n))
-        value, gradient = _flat(sampled.value), _flat(sampled.gradient)
-        stress[:, n] = (gradient @ _flat(scaled[:, n]).T).T
-        load[n] = value @ weight[n].ravel()
-        if supplied is not None:
-            load[n] += gradient @ (supplied[n][:, None, None] * pull[n]).ravel()
-        momentum[n] = value @ impulse[n].ravel()
-        carried[n] = 0.0 if sampled.rate is None else _flat(sampled.rate) @ impulse[n].ravel()
-        if not fields.material:
-            carried[n] += gradient @ (impulse[n][:, :, None] * motion.v[n][:, None, :]).ravel()
-    return Series(stress, load, momentum, carried)
+@dataclass(frozen=True)
+class _Curled:
+    """psi = F w / J: the motion is moved over to stress and forces instead."""
+
+    fields: CurlFields
+    motion: Motion
+    gravity: np.ndarray
+
+    @cached_property
+    def _curls(self) -> tuple[np.ndarray, np.ndarray]:
+        w, dw = self.fields.curls(self.motion.X)
+        return _flat(w), _flat(dw)
+
+    @cached_property
+    def _back(self) -> np.ndarray:
+        """F^T / J."""
+        return self.motion.F.swapaxes(-1, -2) / self.motion.J[..., None, None]
+
+    @cached_property
+    def _growth(self) -> np.ndarray:
+        """d log J / dX = F^-1_ki d F_ik / dX, shape [times, points, 3, 1]."""
+        found = np.einsum("tqki,tqikc->tqc", self.motion.inverse, self._second, optimize=True)
+        return np.asarray(found)[..., None]
+
+    @property
+    def _second(self) -> np.ndarray:
+        assert self.motion.second is not None
+        return self.motion.second
+
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        (w, dw), motion = self._curls, self.motion
+        pull = motion.volume[:, None, None] * motion.inverse.swapaxes(-1, -2)
+        S = T @ pull
+        C = self._back @ S
+        bent = np.einsum("tqic,tqiac->tqa", S, self._second, optimize=True)
+        B = bent / motion.J[..., None] - (C @ self._growth)[..., 0]
+        found: np.ndarray = chi @ _flat(B) @ w.T + chi @ _flat(C) @ dw.T
+        return found
+
+    @cached_property
+    def rest(self) -> Rest:
+        motion, (w, _) = self.motion, self._curls
+
+        def vector(f: np.ndarray) -> np.ndarray:
+            return _against(w, (self._back @ f[..., None])[..., 0])
+
+        impulse = motion.mass[:, None] * motion.v
+        swell = np.trace(motion.L, axis1=2, axis2=3)[..., None]
+        carried = (motion.L.swapaxes(-1, -2) @ impulse[..., None])[..., 0] - swell * impulse
+        load = vector(forces(motion, self.gravity))  # a supplied pressure cancels
+        return Rest(load, vector(impulse), vector(carried))

@@ -10,6 +10,7 @@ strip has turned, since P F^T is symmetric; shear and stretch, which tracks tell
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -68,19 +69,29 @@ class BendFields:
             slope.append(self.sign * f2 * scale**2)
         return np.array(beta), np.array(slope)
 
-    def _shifts(self, at: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """int beta n x slope from the held end to every section, and to before the ramps.
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def _integrals(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of int beta f from the held end to every section, and to before the ramps.
 
         Args:
-            at: coordinates of the sections [m], shape [sections].
-            slope: derivative of the centre line or of its velocity, shape [sections, 3].
+            at: coordinates of the sections [m], shape [sections]; the last are remembered.
+
+        Returns:
+            shapes [ramps, sections, sections] and [ramps, 1, sections].
         """
-        beta, _ = self._turns(at)
-        turned = np.cross(self.normal, slope)
-        found = CubicSpline(at, beta[:, :, None] * turned, axis=1).antiderivative()
-        free = self.held - self.sign * self.length
-        start = found(np.clip(self.held, at[0], at[-1]))
-        return found(at) - start[:, None], found(np.clip(free, at[0], at[-1])) - start
+        key = at.tobytes()
+        if key not in self._last:
+            beta, _ = self._turns(at)
+            found = CubicSpline(at, np.eye(len(at))).antiderivative()
+            free = self.held - self.sign * self.length
+            start = found(np.clip([self.held], at[0], at[-1]))
+            whole = found(np.clip([free], at[0], at[-1])) - start
+            self._last.clear()
+            self._last[key] = (found(at) - start) * beta[:, None], whole * beta[:, None]
+        return self._last[key]
 
     def _sections(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at, index = np.unique(np.round(X[:, self.axis], 12), return_inverse=True)
@@ -95,8 +106,9 @@ class BendFields:
 
         beta, slope = self._turns(frame.X[:, self.axis])
         along = frame.F[:, :, self.axis]
-        shift, _ = self._shifts(at, mean(along))
-        drift, _ = self._shifts(at, mean((frame.L @ along[:, :, None])[:, :, 0]))
+        weights, _ = self._integrals(at)
+        shift = weights @ np.cross(self.normal, mean(along))
+        drift = weights @ np.cross(self.normal, mean((frame.L @ along[:, :, None])[:, :, 0]))
         arm = np.cross(self.normal, frame.x - mean(frame.x)[index])
         spin = np.cross(self.normal, frame.v - mean(frame.v)[index])
         turned = np.cross(self.normal, frame.F, axisb=1, axisc=1)
@@ -107,11 +119,9 @@ class BendFields:
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         at, index, count = self._sections(motion.X)
-        ends = []
-        for F in motion.F:
-            slope = [np.bincount(index, weights=F[:, d, self.axis]) / count for d in range(3)]
-            ends.append(self._shifts(at, np.stack(slope, axis=-1))[1])
-        return {self.tool: np.array(ends)}
+        mean = (index == np.arange(len(at))[:, None]) / count[:, None]
+        slope = np.cross(self.normal, mean @ motion.F[..., self.axis])
+        return {self.tool: (self._integrals(at)[1] @ slope[:, None])[:, :, 0]}
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.ramps), dtype=bool)

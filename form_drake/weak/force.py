@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from form_drake.motion.fit import NEAR, neighbours
 from form_drake.records import Recording, Stream
 from form_drake.weak.windows import bump, trapezoid
 
@@ -31,13 +32,19 @@ class Force:
 
 
 def jitter(stream: Stream) -> float:
-    """Noise of one component from fourth differences; the median, so that jolts do not count."""
-    if len(stream.time) < 12:
+    """Noise of one component from the deviation of every sample from the cubic through its neighbours.
+
+    The median, so that jolts do not count. Stamps need not be even.
+    """
+    time = np.asarray(stream.time, dtype=float)
+    if len(time) < 12:
         return 0.0
-    difference = np.diff(np.asarray(stream.value, dtype=float), n=4, axis=0)
-    square = np.mean(difference**2, axis=1)
-    # 70 = sum of the squared weights; the median of a mean over three components lies below it
-    return float(np.sqrt(np.median(square) / 70.0 * 3.0 / chi2.ppf(0.5, 3)))
+    weights, middle = neighbours(time)
+    value = np.asarray(stream.value, dtype=float)
+    error = value[middle] - np.einsum("sk,skd->sd", weights, value[middle[:, None] + NEAR])
+    square = np.mean(error**2, axis=1) / (1.0 + np.sum(weights**2, axis=1))
+    # the median of a mean over three components lies below it
+    return float(np.sqrt(np.median(square) * 3.0 / chi2.ppf(0.5, 3)))
 
 
 def measured(recording: Recording, first: float, last: float) -> dict[str, Force]:

@@ -12,6 +12,7 @@ from form_drake.weak.fields import Fields
 from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
+TOGETHER = 64  # points whose slopes stay in the cache
 SMALL = 1e-5  # share of the largest entry below which noise of far moments is left out
 
 # (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
@@ -19,28 +20,67 @@ Stress = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.nda
 
 
 @dataclass(frozen=True)
-class Slopes:
-    """Derivatives of the integrands of A theta - b at some times, for one family of fields.
+class Bases:
+    """Bases of a fit for coefficients of unit covariance.
 
     Attributes:
-        F: with respect to F, shape [times, fields, points, 3, 3].
-        rate: with respect to dF/dt, same shape; None: the stress reads no rate.
-        x: with respect to x, shape [times, fields, points, 3]; None: material fields.
-        v: of the momentum, times chi', with respect to v, shape [times, fields, points, 3].
+        value: shape [points, space].
+        gradient: [1/m], rows are points times directions, shape [3 points, space].
+        series: shape [times, series].
+        rate: [1/s], shape [times, series].
     """
 
-    F: np.ndarray
+    value: np.ndarray
+    gradient: np.ndarray
+    series: np.ndarray
+    rate: np.ndarray
+
+    @classmethod
+    def of(cls, fit: Fit, sampling: Sampling) -> "Bases":
+        """Those of a fit at the points and times of a sampling."""
+        along = sampling.gradient.transpose(0, 2, 1).reshape(-1, len(fit.space_root))
+        return cls(
+            sampling.value @ fit.space_root,
+            along @ fit.space_root,
+            sampling.series @ fit.time_root,
+            sampling.rate @ fit.time_root,
+        )
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of the integrands of A theta - b at some time, for one family of fields.
+
+    They are by the whitened coefficients of the fit, shape [fields, 3 space].
+
+    Attributes:
+        now: by those of the motion.
+        momentum: of the momentum, times chi', by those of its rate.
+        rate: by those of its rate; None: the stress reads no rate.
+    """
+
+    now: np.ndarray
+    momentum: np.ndarray
     rate: np.ndarray | None
-    x: np.ndarray | None
-    v: np.ndarray
+
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Those that there are."""
+        both = (self.now, self.momentum)
+        return both if self.rate is None else (*both, self.rate)
 
 
 def slopes(
-    fields: Fields, motion: Motion, at: np.ndarray, stress: Stress, gravity: np.ndarray, rates: bool
+    fields: Fields,
+    motion: Motion,
+    at: np.ndarray,
+    stress: Stress,
+    gravity: np.ndarray,
+    rates: bool,
+    bases: Bases,
 ) -> list[Slopes]:
     """Derivatives at each of the times ``at`` (indices)."""
     F, L = motion.F[at], motion.L[at]
-    transposed = inverse(F).swapaxes(-1, -2)
 
     def pushed(dF: np.ndarray, dL: np.ndarray) -> np.ndarray:
         tau, paired = stress(F + dF, L + dL, at)
@@ -50,27 +90,58 @@ def slopes(
 
     none = np.zeros((3, 3))
     still = pushed(none, none)
-    units = np.eye(9).reshape(9, 3, 3)
-    by_F = np.stack([(pushed(STEP * E, none) - still) / STEP for E in units], axis=-1)
-    speed = STEP * max(float(np.abs(L).max()), 1e-3)
-    by_L = [(pushed(none, speed * E) - still) / speed for E in units] if rates else None
-    weight = forces(motion, gravity)
+    by_F = _differences(lambda E: pushed(E, none), still, STEP)
+    by_rate = None
+    if rates:
+        speed = STEP * max(float(np.abs(L).max()), 1e-3)
+        # L = dF/dt F^-1
+        by_L = _differences(lambda E: pushed(none, E), still, speed)
+        by_rate = by_L @ inverse(F).swapaxes(-1, -2)[:, :, None]
+        by_F = by_F - L.swapaxes(-1, -2)[:, :, None] @ by_rate
+    weight, momentum = forces(motion, gravity), None
     found = []
     for n, i in enumerate(at):
         sampled = fields.at(motion.frame(int(i)))
-        gradient = sampled.gradient.reshape(len(sampled.gradient), -1, 9)
-        shape = sampled.gradient.shape
-        slope = np.einsum("fqs,qsu->fqu", gradient, by_F[n].reshape(-1, 9, 9), optimize=True)
-        slope = slope.reshape(shape)
-        rate = None
-        if by_L is not None:
-            units_L = np.stack([u[n] for u in by_L], axis=-1).reshape(-1, 9, 9)
-            by = np.einsum("fqs,qsu->fqu", gradient, units_L, optimize=True).reshape(shape)
-            rate = by @ transposed[n]
-            slope = slope - L[n].swapaxes(-1, -2) @ rate
-        x = None if fields.material else _along_x(fields, motion, int(i), still[n], weight[i])
-        v = -motion.mass[:, None] * sampled.value
-        found.append(Slopes(slope, rate, x, v))
+        gradient = sampled.gradient.reshape(len(sampled.gradient), -1, 9).swapaxes(0, 1)
+        now = _by_gradient(gradient, by_F[n], bases)
+        rate = None if by_rate is None else _by_gradient(gradient, by_rate[n], bases)
+        if not fields.material:
+            now += _by_value(_along_x(fields, motion, int(i), still[n], weight[i]), bases)
+        if momentum is None or not fields.fixed:
+            momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
+        found.append(Slopes(now, momentum, rate))
+    return found
+
+
+def _differences(
+    pushed: Callable[[np.ndarray], np.ndarray], still: np.ndarray, step: float
+) -> np.ndarray:
+    """Derivatives of 3 x 3 matrices by the entries of another, shape [times, points, 9, 3, 3]."""
+    units = np.eye(9).reshape(9, 3, 3)
+    found = np.stack([(pushed(step * E) - still) / step for E in units], axis=-1)
+    return found.reshape(*found.shape[:2], 9, 3, 3)
+
+
+def _by_gradient(gradient: np.ndarray, slope: np.ndarray, bases: Bases) -> np.ndarray:
+    """Chain rule through F.
+
+    Args:
+        gradient: of the fields, shape [points, fields, 9].
+        slope: of the stress by F, shape [points, 9, 3, 3].
+    """
+    points, count = gradient.shape[:2]
+    found = np.zeros((3 * count, bases.gradient.shape[1]))
+    for first in range(0, points, TOGETHER):
+        own = slice(first, first + TOGETHER)
+        by = gradient[own] @ slope[own].reshape(-1, 9, 9)
+        rows = by.reshape(-1, count, 3, 3).transpose(1, 2, 0, 3).reshape(3 * count, -1)
+        found += rows @ bases.gradient[3 * own.start : 3 * own.stop]
+    return found.reshape(count, -1)
+
+
+def _by_value(slope: np.ndarray, bases: Bases) -> np.ndarray:
+    """Chain rule through x or v; slope of shape [fields, points, 3]."""
+    found: np.ndarray = (slope.swapaxes(1, 2) @ bases.value).reshape(len(slope), -1)
     return found
 
 
@@ -92,37 +163,23 @@ def _along_x(
 
 
 def track_noise(
-    fit: Fit,
-    sampling: Sampling,
-    families: list[list[Slopes]],
-    every: int,
-    span: Windows,
+    bases: Bases, families: list[list[Slopes]], every: int, span: Windows
 ) -> np.ndarray:
-    """Covariance of all rows, windows outermost, from the noise of the tracks [(N m s)^2].
+    """Covariance of all rows, windows outermost, per unit variance of the tracks.
 
     Args:
-        fit: of the tracks.
-        sampling: its bases on the grid of the windows.
+        bases: of the fit, at the times of the windows.
         families: slopes at every ``every``-th time, for each family of fields.
         every: see there.
         span: the windows.
     """
-    value = sampling.value @ fit.space_root
-    gradient = np.einsum("qae,ab->qbe", sampling.gradient, fit.space_root)
-    series, rate = sampling.series @ fit.time_root, sampling.rate @ fit.time_root
-    groups = np.minimum(
-        np.rint(np.arange(len(sampling.time)) / every).astype(int), len(families[0]) - 1
-    )
+    looks = len(families[0])
+    groups = np.minimum(np.rint(np.arange(len(span.time)) / every).astype(int), looks - 1)
     parts = [
-        [
-            np.concatenate(p)
-            for p in zip(*(_spatial(s[c], value, gradient) for s in families), strict=True)
-        ]
-        for c in range(len(families[0]))
+        [np.concatenate(p) for p in zip(*(s[c].parts for s in families), strict=True)]
+        for c in range(looks)
     ]
-    blocks = [
-        _window(parts, groups, span.chi[w], span.rate[w], series, rate) for w in range(len(span))
-    ]
+    blocks = [_window(parts, groups, span.chi[w], span.rate[w], bases) for w in range(len(span))]
     m = blocks[0][0].shape[0]
     total = np.zeros((m * len(span),) * 2)
     for w, (K, first) in enumerate(blocks):
@@ -136,25 +193,7 @@ def track_noise(
             )
             total[w * m : (w + 1) * m, u * m : (u + 1) * m] = block
             total[u * m : (u + 1) * m, w * m : (w + 1) * m] = block.T
-    return fit.noise**2 * total
-
-
-def _spatial(s: Slopes, value: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Slopes by whitened coefficients of c, of dc/dt, and of dc/dt under chi', [fields, 3 space]."""
-
-    def chain(by: np.ndarray | None, basis: np.ndarray) -> np.ndarray:
-        if by is None:
-            return np.zeros((len(s.F), 3, basis.shape[1]))
-        if by.ndim == 4:
-            rows = by.transpose(0, 2, 1, 3).reshape(len(by) * 3, -1)
-            return (rows @ basis.transpose(0, 2, 1).reshape(-1, basis.shape[1])).reshape(
-                len(by), 3, -1
-            )
-        found: np.ndarray = by.transpose(0, 2, 1) @ basis
-        return found
-
-    now = chain(s.F, gradient) + chain(s.x, value)
-    return tuple(p.reshape(len(p), -1) for p in (now, chain(s.rate, gradient), chain(s.v, value)))
+    return total
 
 
 def _window(
@@ -162,20 +201,23 @@ def _window(
     groups: np.ndarray,
     chi: np.ndarray,
     chi_rate: np.ndarray,
-    series: np.ndarray,
-    rate: np.ndarray,
+    bases: Bases,
 ) -> tuple[np.ndarray, int]:
-    """Rows of a window by whitened noise, shape [fields, moments, 3 space], and the first moment."""
+    """Rows of a window by whitened noise, shape [fields, moments, 3 space], and the first moment.
+
+    ``parts`` are those of ``Slopes`` at every look, the last of which may be missing.
+    """
     inside = np.flatnonzero(chi > 0)
     pulls = []
     for c in np.unique(groups[inside]):
         own = inside[groups[inside] == c]
-        pulls.append((c, chi[own] @ series[own], chi[own] @ rate[own], chi_rate[own] @ rate[own]))
+        by_rate = chi[own] @ bases.rate[own]
+        pulls.append((c, chi[own] @ bases.series[own], chi_rate[own] @ bases.rate[own], by_rate))
     size = sum(np.abs(a) + np.abs(b) + np.abs(d) for _, a, b, d in pulls)
     seen = np.flatnonzero(size > SMALL * size.max())
     first, last = int(seen[0]), int(seen[-1]) + 1
     K = np.zeros((len(parts[0][0]), last - first, parts[0][0].shape[1]))
-    for c, by_c, by_rate, by_momentum in pulls:
-        for part, pull in zip(parts[c], (by_c, by_rate, by_momentum), strict=True):
+    for c, *weights in pulls:
+        for part, pull in zip(parts[c], weights, strict=False):
             K += part[:, None, :] * pull[None, first:last, None]
     return K, first

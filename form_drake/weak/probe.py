@@ -11,14 +11,14 @@ from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
 from form_drake.motion.motion import inverse
 from form_drake.records import Recording
-from form_drake.weak.balance import Series, series
+from form_drake.weak.balance import Along, balance
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force, measured
-from form_drake.weak.noise import slopes, track_noise
+from form_drake.weak.noise import Bases, slopes, track_noise
 from form_drake.weak.reach import usable
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
-from form_drake.weak.system import Row, WeakSystem
+from form_drake.weak.system import Row
 from form_drake.weak.windows import Windows, windows
 
 SAMPLES = 16  # fewest times in a window
@@ -62,65 +62,79 @@ class Probe:
         """The motion of the fit."""
         return self.sampling.motion(self.fit.c)
 
-    def rows(
-        self,
-        law: Law,
-        values: Values,
-        motion: Motion,
-        theta: np.ndarray,
-        push: dict[str, np.ndarray] | None = None,
-        *,
-        sized: bool = True,
-    ) -> WeakSystem:
-        """Rows of the balance at the constants ``values``, without covariance.
+    def released_motion(
+        self, law: Law, values: Values, motion: Motion, theta: np.ndarray
+    ) -> Motion:
+        """The motion with the stretches that the law chooses, see ``form_drake.weak.release``."""
+        if not self.released:
+            return motion
+        return replace(motion, F=released(law, motion.F, values, theta, self.released))
+
+    def along(self, motion: Motion) -> Along:
+        """The integrals of every family of fields along a motion."""
+        return self._still if motion is self.motion else self._along(motion)
+
+    @cached_property
+    def _still(self) -> Along:
+        return self._along(self.motion)
+
+    def _along(self, motion: Motion) -> Along:
+        return Along(tuple(balance(f, motion, self.gravity) for f in self.fields))
+
+    def columns(self, along: Along, law: Law, values: Values, acting: np.ndarray) -> np.ndarray:
+        """A at the constants ``values``, shape [rows, terms]; a plastic law's radius follows from them.
 
         Args:
+            along: every family of fields along a motion.
             law: whose terms are the columns.
-            values: its constants; a plastic law's radius follows from them.
-            motion: of the body.
-            theta: coefficients for which the sizes of the rows are taken, and up to a factor the
-                stretches along traction-free directions.
-            push: noise added to the forces [N], by tool.
-            sized: whether to integrate the sizes; they are zero else.
+            values: its constants.
+            acting: which columns are wanted; the others are zero.
         """
-        if self.released:
-            motion = replace(motion, F=released(law, motion.F, values, theta, self.released))
-        T = self.stresses(law, values, motion)
-        parts = [self._family(f, motion, T, push or {}, sized) for f in self.fields]
-        A, b, sizes = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
-        labels = [
+        T = self.stresses(law, values, along.motion)
+        T = T if acting.all() else T[acting]
+        work = along.stress(T, self.windows.chi)
+        A = np.zeros((len(self.keep), len(acting)))
+        A[:, acting] = np.moveaxis(work, 0, -1).reshape(-1, len(T))
+        return A[self.keep]
+
+    def rest(self, along: Along, push: dict[str, np.ndarray]) -> np.ndarray:
+        """b, shape [rows], with noise ``push`` added to the forces [N], by tool."""
+        chi, rate = self.windows.chi, self.windows.rate
+        found = []
+        for family in along.families:
+            r = family.rest
+            b = chi @ (r.load + r.carried) + rate @ r.momentum
+            for tool, end in family.fields.acting(family.motion).items():
+                force = self.forces[tool]
+                power = self._powers(force, end, force.value + push.get(tool, 0.0))
+                b = b - force.impulses(self.windows.ends) @ power.sum(axis=-1)
+            found.append(b)
+        return np.concatenate(found, axis=1).ravel()[self.keep]
+
+    def sizes(self, motion: Motion, law: Law, values: Values, acting: np.ndarray) -> np.ndarray:
+        """Integrals of V |T_k| |grad psi| over the windows, arguments and shape as ``columns``."""
+        looks = np.unique(np.linspace(0, len(motion.time) - 1, 24).astype(int))
+        T = self.stresses(law, values, motion)[acting][:, looks]
+        parts = [self._sizes(f, motion, T, looks) for f in self.fields]
+        found = np.zeros((len(self.keep), len(acting)))
+        found[:, acting] = np.concatenate(parts, axis=1).reshape(-1, len(T))
+        return found[self.keep]
+
+    @cached_property
+    def labels(self) -> tuple[Row, ...]:
+        """Of the rows."""
+        every = [
             Row((float(a), float(z)), n, self.name)
             for a, z in self.windows.ends
             for f in self.fields
             for n in f.names
         ]
-        A, sizes = A.reshape(-1, len(T))[self.keep], sizes.reshape(-1, len(T))[self.keep]
-        rows = tuple(labels[n] for n in np.flatnonzero(self.keep))
-        return WeakSystem(A, b.ravel()[self.keep], np.abs(sizes * theta).sum(axis=1), sizes, rows)
+        return tuple(every[n] for n in np.flatnonzero(self.keep))
 
     def stresses(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
         """Kirchhoff stress per unit, shape [terms, times, points, 3, 3]."""
         elastic = elastic_part(law, motion.F, law.radius_vector(values))
         return unit_stresses(law, elastic, motion.L, values, motion.pressure)
-
-    def _family(
-        self,
-        fields: Fields,
-        motion: Motion,
-        T: np.ndarray,
-        push: dict[str, np.ndarray],
-        sized: bool,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, b and sizes, shapes [windows, fields, ...]."""
-        found: Series = series(fields, motion, T, self.gravity)
-        chi, rate = self.windows.chi, self.windows.rate
-        A = np.einsum("wt,ktf->wfk", chi, found.stress, optimize=True)
-        b = chi @ (found.load + found.carried) + rate @ found.momentum
-        for tool, end in fields.acting(motion).items():
-            force = self.forces[tool]
-            power = self._powers(force, end, force.value + push.get(tool, 0.0))
-            b = b - force.impulses(self.windows.ends) @ power.sum(axis=-1)
-        return A, b, self._sizes(fields, motion, T) if sized else np.zeros_like(A)
 
     def _powers(self, force: Force, end: np.ndarray, value: np.ndarray) -> np.ndarray:
         """f_d psi_d at the stamps of a force, shape [samples, fields, 3]."""
@@ -129,23 +143,21 @@ class Probe:
         found: np.ndarray = psi * value[:, None, :]
         return found
 
-    def _sizes(self, fields: Fields, motion: Motion, T: np.ndarray) -> np.ndarray:
-        """Integral of V |T_k| |grad psi| over each window, shape [windows, fields, terms]."""
-        looks = np.unique(np.linspace(0, len(motion.time) - 1, 24).astype(int))
-        S = T[:, looks]
-        if fields.material:
-            S = S @ motion.inverse[looks].swapaxes(-1, -2)
+    def _sizes(
+        self, fields: Fields, motion: Motion, T: np.ndarray, looks: np.ndarray
+    ) -> np.ndarray:
+        S = T @ motion.inverse[looks].swapaxes(-1, -2) if fields.material else T
         size = motion.volume * np.sqrt(np.sum(S**2, axis=(-1, -2)))
         strength = []
         for i in looks[:1] if fields.fixed else looks:
             gradient = fields.at(motion.frame(int(i))).gradient
             strength.append(np.sqrt(np.sum(gradient**2, axis=(-1, -2))))
         many = np.broadcast_to(np.array(strength), (len(looks), *strength[0].shape))
-        work = np.einsum("ktq,tfq->tfk", size, many, optimize=True)
+        work = many @ size.transpose(1, 2, 0)
         chi = self.windows.chi
         nearest = np.abs(motion.time[:, None] - motion.time[looks]).argmin(axis=1)
         share = np.stack([chi[:, nearest == n].sum(axis=1) for n in range(len(looks))], axis=1)
-        found: np.ndarray = np.einsum("wt,tfk->wfk", share, work)
+        found: np.ndarray = np.tensordot(share, work, axes=1)
         return found
 
     def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
@@ -173,8 +185,9 @@ class Probe:
         every = max(1, int(width / step / LOOKS))
         at = np.arange(0, len(motion.time), every)
         rates = "rate" in law.needs
-        families = [slopes(f, motion, at, stress, self.gravity, rates) for f in self.fields]
-        total = track_noise(self.fit, self.sampling, families, every, self.windows)
+        bases = Bases.of(self.fit, self.sampling)
+        families = [slopes(f, motion, at, stress, self.gravity, rates, bases) for f in self.fields]
+        total = self.fit.noise**2 * track_noise(bases, families, every, self.windows)
         total = (total + self._force_noise())[np.ix_(self.keep, self.keep)]
         found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
         return found
@@ -219,15 +232,19 @@ def prepared(
     step = frame / np.ceil(SAMPLES * frame / width)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
     X, volume = shape.gauss(_cells(fit, fields), GAUSS)
-    sampling = Sampling.of(fit, time, X, volume, shape.density)
+    sampling = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
     sampling = replace(
         sampling,
         hessian=None if all(f.fixed or not f.material for f in fields) else fit.space.hessian(X),
         pressure=supplied(recording, recording.pressure, fit, time, X),
         body_force=supplied(recording, recording.body_force, fit, time, X),
     )
-    gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
-    return Probe(
+    gravity = (
+        np.zeros(3)
+        if recording.gravity is None
+        else np.asarray(recording.gravity, float) / recording.mass_scale
+    )
+    probe = Probe(
         name,
         shape,
         fit,
@@ -239,6 +256,11 @@ def prepared(
         usable(shape, fit, fields, ends),
         free,
     )
+    if not probe.motion.J.min() > 0.0:
+        raise ValueError(
+            f"{name}: the motion through the tracks folds the body: too few or too noisy"
+        )
+    return probe
 
 
 def _cells(fit: Fit, fields: Sequence[Fields]) -> list[np.ndarray]:

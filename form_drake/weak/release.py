@@ -8,6 +8,7 @@ F' = F diag(s) with e . F'^T P(F') e = 0 for every such direction e (fibre: two,
 import numpy as np
 
 from form_drake.laws import Law, Values
+from form_drake.motion.motion import inverse
 from form_drake.weak.stress import unit_stresses
 
 ROUNDS = 12
@@ -33,16 +34,15 @@ def released(
     """
     if not axes:
         return F
-    still = np.zeros_like(F)
+    still, back = np.zeros_like(F), inverse(F)
     stretch = np.ones((*F.shape[:-2], 3))
 
     def normal(s: np.ndarray) -> np.ndarray:
         G = F * s[..., None, :]
         T = np.tensordot(theta, unit_stresses(law, G, still, values), axes=1)
         # e . F^-1 tau F^-T e for Kirchhoff tau: the second Piola stress along e
-        inverse = np.linalg.inv(G)
-        S = inverse @ T @ inverse.swapaxes(-1, -2)
-        return np.stack([S[..., a, a] for a in axes], axis=-1)
+        rows = [back[..., a, :] / s[..., a, None] for a in axes]
+        return np.stack([np.sum(e * (T @ e[..., None])[..., 0], axis=-1) for e in rows], axis=-1)
 
     for _ in range(ROUNDS):
         now = normal(stretch)

@@ -9,12 +9,18 @@ from form_drake.laws import Law, Values
 from form_drake.laws.kernels import flow, responses, types, yield_measures
 
 PRECISION, DECOMPOSITION = "float64", "series"
+LARGEST = 2e-3  # strain in a stride along a plastic history
 
 
 @cache
 def _history(law: Law):
-    """Kernel (F[time, point], r) -> elastic F[time, point], from the stress-free state on."""
+    """Kernel (F[time, point], r) -> elastic F[time, point], from the stress-free state on.
+
+    F moves straight from one time to the next, in strides no longer than ``LARGEST``: the return to
+    the yield surface is of first order in them.
+    """
     t, keep = types(PRECISION), flow(law, DECOMPOSITION, PRECISION)
+    largest = wp.constant(t.real(LARGEST))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(F: wp.array2d(dtype=t.mat), r: t.vec4, out: wp.array2d(dtype=t.mat)):
@@ -22,8 +28,15 @@ def _history(law: Law):
         start, _e = keep(F[0, i], r)
         out[0, i] = start
         for n in range(1, F.shape[0]):
-            new, _e = keep(F[n, i] * wp.inverse(F[n - 1, i]) * out[n - 1, i], r)
-            out[n, i] = new
+            last = F[n - 1, i]
+            stride = F[n, i] - last
+            count = 1 + int(wp.sqrt(wp.ddot(stride, stride)) / largest)
+            elastic = out[n - 1, i]
+            for k in range(1, count + 1):
+                now = F[n - 1, i] + t.real(k) / t.real(count) * stride
+                new, _e = keep(now * wp.inverse(last) * elastic, r)
+                elastic, last = new, now
+            out[n, i] = elastic
 
     return kernel
 

@@ -1,0 +1,67 @@
+"""Twins of measured scenes: simulated recordings that the weak form reads as it reads the data."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from form_drake.identify.led import rolled
+from form_drake.identify.search import Problem
+from form_drake.identify.twin import Offset
+from form_drake.laws import Law
+from form_drake.motion import fit_tracks
+from form_drake.records import Recording
+from form_drake.weak.probe import prepared
+
+# values of all parameters -> the scene of every probe, without noise, at the points and frames of
+# the measured one
+Twin = Callable[[dict[str, float]], Recording | Sequence[Recording]]
+
+
+def twin_offset(
+    problem: Problem, recordings: Sequence[Recording], twin: Twin, values: Mapping[str, float]
+) -> Offset:
+    """What reading the scenes does to the rows of a problem, from a twin with given parameters.
+
+    Bases, test fields, windows and quadrature are those of the data.
+
+    Raises:
+        ValueError: the twin holds other probes, points or frames than the data.
+    """
+    made = twin(dict(values))
+    made = [made] if isinstance(made, Recording) else list(made)
+    if [r.p_WQ.shape for r in made] != [r.p_WQ.shape for r in recordings] or not all(
+        np.allclose(m.time - m.time[0], r.time - r.time[0], rtol=1e-6)
+        for m, r in zip(made, recordings, strict=True)
+    ):
+        raise ValueError(
+            f"the twin's frames, points and axes {[r.p_WQ.shape for r in made]} and its stamps must"
+            f" be those of the recording, {[r.p_WQ.shape for r in recordings]}"
+        )
+    probes = []
+    for probe, own, data in zip(problem.probes, made, recordings, strict=True):
+        seen = replace(own, valid=np.isfinite(data.p_WQ).all(axis=2))
+        if data.valid is not None:
+            seen = replace(seen, valid=seen.valid & data.valid)
+        fit = fit_tracks(seen, probe.body, like=probe.fit)
+        read = prepared(
+            seen, probe.name, probe.fields, probe.windows.ends, probe.body, fit, probe.released
+        )
+        probes.append(replace(read, keep=probe.keep))
+    eta, theta = problem.coordinates(values)
+    return Offset.of(replace(problem, probes=tuple(probes), offset=None).system(eta, theta), theta)
+
+
+def stated_scenes(recordings: Sequence[Recording], law: Law) -> Twin:
+    """Rollouts of recordings that state their own solver, and whose points are its particles.
+
+    Raises:
+        ValueError: a recording does not state how it was stepped.
+    """
+    for recording in recordings:
+        if recording.solver is None or recording.step is None or recording.v_0 is None:
+            raise ValueError(
+                "--twin rolls the scene again: a recording must state its solver, every frame's step"
+                " and the initial velocities"
+            )
+    return lambda values: [rolled(r, law, values) for r in recordings]
