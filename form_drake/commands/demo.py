@@ -4,7 +4,7 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from form_drake.commands.output import emit, say
+from form_drake.commands.output import Changes, emit, say
 from form_drake.demo import run_demo
 from form_drake.files import whole_folder
 
@@ -13,6 +13,8 @@ from form_drake.files import whole_folder
 class Demo:
     """Press a soft block of hidden material with the arm, identify it, predict another press."""
 
+    set: Changes = ()
+    """Change of the scenario, such as solver.dx=0.005 for a quick look; repeatable."""
     seed: int | None = None
     """Seed of the hidden material and the noise; default: a fresh one, printed."""
     out: Path = Path("runs/demo")
@@ -27,7 +29,7 @@ class Demo:
             raise ValueError(f"--seed: a whole number from 0 is wanted, got {seed}")
         with whole_folder(self.out) as folder:
             say(f"seed {seed}")
-            outcome = run_demo(folder, seed, say)
+            outcome = run_demo(folder, seed, say, self.set)
         result = {
             "seed": seed,
             "identification": outcome.answer.to_json(),

@@ -10,6 +10,7 @@ import tyro
 from form_drake.files import plain, target
 
 Assignments = Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...")]
+Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH=VALUE")]
 
 
 def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:

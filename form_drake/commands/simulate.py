@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 from tqdm import tqdm
 
-from form_drake.commands.output import device, emit, out_file, say
+from form_drake.commands.output import Changes, device, emit, out_file, say
 from form_drake.files import target_folder, whole_folder, write_json, write_text
 from form_drake.records import write_recording
 
@@ -18,9 +18,7 @@ class Simulate:
 
     scenario: tyro.conf.Positional[str]
     """Name of a scenario (see: form-drake list scenarios) or a .yaml file."""
-    set: Annotated[
-        tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH=VALUE")
-    ] = ()
+    set: Changes = ()
     """Change of the scenario, such as specimen.material.E=63e3; may be given several times."""
     out: Path | None = None
     """Folder to write; default: runs/SCENARIO."""
