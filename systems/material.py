@@ -199,6 +199,17 @@ def touching(
     return found
 
 
+def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
+    """Whether a geometry moves, or stands where material may go."""
+    body = plant.get_body(touching.body)
+    if not plant.IsAnchored(body):
+        return True
+    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
+    middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
+    reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
+    return float(touching.tool.solid.distance(middle[None])[0]) < reach
+
+
 def particles(shape: Shape, X_WM: RigidTransform, spacing: float) -> Body:
     """Particles that fill a shape whose geometry frame stands at X_WM."""
     outline = solid(shape, 0.5 * spacing)
@@ -282,6 +293,7 @@ def AddMaterial(
         reach = ROOM * float(np.ptp(x, axis=0).max())
         region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
+    found = [t for t in found if _reaches(plant, t, region)]
     scene = Scene(
         materials,
         filled_with,

@@ -1,6 +1,6 @@
 """A recorded probe again with another material: the tool goes where it went, or pushes as it pushed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.trajectories import PiecewisePose
 from scipy.spatial import cKDTree
 
+from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.mpm.exchange import Snapshot
 from form_drake.mpm.tools import Motions
@@ -85,6 +86,20 @@ def replay(
         if progress is not None:
             progress(k + 1, last)
     return _compared(recording, tool, period, frames, forces, poses)
+
+
+def twin(scenario: Scenario, recording: Recording) -> Callable[[Mapping[str, float]], Recording]:
+    """From values of the law's parameters to the probe simulated with them, driven by pose.
+
+    For ``identify(..., twin=...)``: what reading such a motion does to the answer is taken off it.
+    """
+    law = law_named(scenario.specimen.law)
+    density = scenario.specimen.material.get("density")
+
+    def simulated(values: Mapping[str, float]) -> Recording:
+        return replay(scenario, Material(law, dict(values), density), recording).recording
+
+    return simulated
 
 
 def _particles(station: Station, recording: Recording) -> np.ndarray:

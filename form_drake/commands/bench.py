@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from tqdm import tqdm
 
-from form_drake.bench import positions, rubber, speed, table2, table2_weak, weak_form
+from form_drake.bench import positions, probes, rubber, speed, table2, table2_weak, weak_form
 from form_drake.bench.curves import recordings
 from form_drake.commands.output import emit, say
 from form_drake.files import target, write_json
@@ -205,6 +205,28 @@ class WeakForm:
 
 
 @dataclass(frozen=True)
+class Probes:
+    """Probes in the station: four scenarios and ten specimens, identified against the truth."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-probes/probes.json. Simulated motions stay beside it."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names (such as exact/press_a or noise/bend-3) contain one of these."""
+    seeds: int = probes.SEEDS
+    """Noise seeds."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+
+        def run(store: Path) -> dict[str, Any]:
+            return probes.run_probes(store=store, only=self.only, seeds=self.seeds)
+
+        _finish("probes", self.out, run, probes.table, whole=not self.only, as_json=self.json)
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure what the documents state; long benches resume where they were interrupted."""
 
@@ -214,6 +236,7 @@ class Bench:
         | Annotated[Speed, tyro.conf.subcommand("speed")]
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]
         | Annotated[WeakForm, tyro.conf.subcommand("weak-form")]
+        | Annotated[Probes, tyro.conf.subcommand("probes")]
     ]
 
     def run(self) -> None:

@@ -1,5 +1,6 @@
 """``form-drake identify``: from a recording to a material."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,7 +11,7 @@ from form_drake.commands.output import Assignments, assignments, emit, out_file,
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.identify import WeakOptions, identify
 from form_drake.laws import load
-from form_drake.records import read
+from form_drake.records import Recording, read
 from form_drake.weak_report import weak_report
 
 
@@ -55,8 +56,9 @@ class Identify:
     estimator: Literal["gls", "ols"] = "gls"
     """Generalised, or ordinary least squares as in the paper (weak form)."""
     twin: bool = False
-    """Simulate the scene that the recording states with what was found, read it as the data are read,
-    and take off what that costs; the answer without it is told as well (weak form)."""
+    """Simulate the scene that the recording states, or scenario.yaml beside it, with what was found;
+    read it as the data are read, and take off what that costs; the answer without it is told as well
+    (weak form)."""
     seed: int = 0
     """Seed of the added noise and of the noise draws."""
     report: Path | None = None
@@ -92,7 +94,7 @@ class Identify:
             seed=self.seed,
             force=self.force,
             weak=self._weak(),
-            twin="stated" if self.twin else None,
+            twin=self._twin(recordings) if self.twin else None,
         )
         if report is not None and answer.weak is None:
             raise ValueError("--report belongs to the weak form: add --method weak")
@@ -112,6 +114,17 @@ class Identify:
             found = ",".join(f"{v:.8g}" for v in twist["value"])
             say(f"initial motion, for form-drake predict: --initial-velocity {found}")
         say(f"written: {out}")
+
+    def _twin(self, recordings: list[Recording]) -> Callable[..., Recording] | Literal["stated"]:
+        scenario = self.recording[0].with_name("scenario.yaml")
+        if recordings[0].solver is not None or not scenario.is_file():
+            return "stated"
+        if len(recordings) > 1:
+            raise ValueError("--twin takes one probe of a station at a time")
+        from form_drake.systems.replay import twin
+        from form_drake.systems.scenario import load_scenario
+
+        return twin(load_scenario(scenario), recordings[0].measured_by(self.force))
 
     def _weak(self) -> WeakOptions:
         return WeakOptions(
