@@ -15,8 +15,10 @@ from pydrake.trajectories import Trajectory
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.follower import Follow, PathFollower
+from form_drake.systems.identifier import Identifier
 from form_drake.systems.motion import timed_path
 from form_drake.systems.page import write_page
+from form_drake.systems.recorder import FORCES, ParticleTracks, Recorder
 from form_drake.systems.scenario import Scenario, Waypoint
 from form_drake.systems.station import (
     Station,
@@ -26,8 +28,6 @@ from form_drake.systems.station import (
     tool_rotation,
 )
 from form_drake.systems.viewer import View
-
-FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
 
 
 def smooth(waypoints: Sequence[Waypoint], time: float) -> np.ndarray:
@@ -65,12 +65,14 @@ class Run:
     Attributes:
         scenario: of it.
         station: of it.
-        diagram: station and follower.
+        recorder: of what is measured.
+        diagram: station, follower, recorder and perhaps identifier.
         duration: of the probe [s].
     """
 
     scenario: Scenario
     station: Station
+    recorder: Recorder
     diagram: Diagram
     duration: float
 
@@ -80,26 +82,56 @@ class Run:
         return write_page(viewer, path, self.scenario.name)
 
 
-def prepare(scenario: Scenario, meshcat: Meshcat | None = None, view: View | None = None) -> Run:
-    """Plan the probe and connect it to the station.
+def prepare(
+    scenario: Scenario,
+    meshcat: Meshcat | None = None,
+    view: View | None = None,
+    *,
+    answers: float | None = None,
+) -> Run:
+    """Plan the probe and connect arm, station and recorder.
 
     Args:
         scenario: of the probe.
         meshcat: that shows it.
         view: what it shows of the material.
+        answers: time [s] between identifications while the probe moves; None: none.
     """
     motion = planned(scenario)
     builder = DiagramBuilder()
     station = make_station(scenario, meshcat=meshcat, view=view)
-    builder.AddSystem(station.diagram)
+    source = builder.AddSystem(station.diagram)
     follow = Follow(until_force=scenario.probe.until_force)
     follower = PathFollower(motion, follow, period=scenario.solver.period)
     builder.AddNamedSystem("follower", follower)
-    source = station.diagram
     builder.Connect(follower.GetOutputPort("position"), source.GetInputPort("panda.position"))
     builder.Connect(source.GetOutputPort("tool.force"), follower.GetInputPort("force"))
-    diagram = builder.Build()
-    return Run(scenario, station, diagram, motion.end_time())
+    recorder = _add_recorder(builder, scenario, station)
+    if answers is not None:
+        identifier = builder.AddNamedSystem("identifier", Identifier(every=answers))
+        builder.Connect(recorder.GetOutputPort("recording"), identifier.get_input_port())
+    return Run(scenario, station, recorder, builder.Build(), motion.end_time())
+
+
+def _add_recorder(builder: DiagramBuilder, scenario: Scenario, station: Station) -> Recorder:
+    measure, solver = scenario.measure, scenario.solver
+    chosen = tracked(scenario, station)
+    tracks = ParticleTracks(chosen, measure.noise, measure.seed, measure.rate)
+    builder.AddNamedSystem("tracks", tracks)
+    recorder = Recorder(
+        _header(scenario, station, chosen),
+        station.tool.body().name(),
+        begin=solver.settle,
+        rate=measure.rate,
+        period=solver.period,
+    )
+    builder.AddNamedSystem("recorder", recorder)
+    particles = station.diagram.GetOutputPort("material.particles")
+    builder.Connect(particles, tracks.get_input_port())
+    builder.Connect(tracks.get_output_port(), recorder.GetInputPort("points"))
+    for port in ("tool.X_WT", "panda.position_measured", *FORCES.values()):
+        builder.Connect(station.diagram.GetOutputPort(port), recorder.GetInputPort(port))
+    return recorder
 
 
 def begin(run: Run) -> Simulator:
@@ -127,82 +159,56 @@ def record(run: Run, progress: Callable[[int, int], None] | None = None) -> Reco
         Tracked points from when the specimen has settled, forces by source, tool poses and joints;
         nothing of the truth.
     """
-    scenario, simulator = run.scenario, begin(run)
-    measure, period = scenario.measure, scenario.solver.period
-    every = max(round(1.0 / (measure.rate * period)), 1)
-    first, last = round(scenario.solver.settle / period), round(run.duration / period)
-    eval_ = _evaluator(run, simulator)
-    chosen = tracked(run)
-    frames: list[np.ndarray] = []
-    stamps: list[float] = []
-    signals: dict[str, list[Any]] = {name: [] for name in ("X_WT", "q", *FORCES)}
-    for k in range(1, last + 1):
-        simulator.AdvanceTo(k * period)
-        if k >= first:
-            signals["X_WT"].append(eval_("tool.X_WT").GetAsMatrix4())
-            signals["q"].append(eval_("panda.position_measured"))
-            for source, port in FORCES.items():
-                signals[source].append(eval_(port))
-            if (k - first) % every == 0:
-                frames.append(eval_("material.particles").p_WQ[chosen])
-                stamps.append(k * period)
+    simulator = finish(run, begin(run), progress)
+    context = run.recorder.GetMyContextFromRoot(simulator.get_context())
+    found: Recording = run.recorder.GetOutputPort("recording").Eval(context)
+    return found
+
+
+def finish(
+    run: Run, simulator: Simulator, progress: Callable[[int, int], None] | None = None
+) -> Simulator:
+    """Simulate to the end of the probe, what happens at its last instant included."""
+    steps = round(run.duration / run.scenario.solver.period)
+    for k in range(1, steps + 1):
+        simulator.AdvanceTo(k * run.scenario.solver.period)
         if progress is not None:
-            progress(k, last)
-    time = period * np.arange(first, last + 1)
-    return _recording(run, chosen, np.array(stamps), np.array(frames), time, signals)
+            progress(k, steps)
+    simulator.AdvancePendingEvents()
+    return simulator
 
 
-def tracked(run: Run) -> np.ndarray:
+def tracked(scenario: Scenario, station: Station) -> np.ndarray:
     """Indices of the particles that are tracked, outside of clamps and drawn by the seed."""
-    corners = specimen_corners(run.scenario)
-    X = run.station.material.scene.rest
+    corners = specimen_corners(scenario)
+    X = station.material.scene.rest
     free = np.flatnonzero(np.all((X >= corners[0]) & (X <= corners[1]), axis=1))
-    wanted = run.scenario.measure.points or len(free)
-    rng = np.random.default_rng(run.scenario.measure.seed)
+    wanted = scenario.measure.points or len(free)
+    rng = np.random.default_rng(scenario.measure.seed)
     return np.sort(rng.choice(free, size=min(wanted, len(free)), replace=False))
 
 
-def _evaluator(run: Run, simulator: Simulator) -> Callable[[str], Any]:
-    diagram = run.station.diagram
-    context = diagram.GetMyContextFromRoot(simulator.get_context())
-    return lambda name: diagram.GetOutputPort(name).Eval(context)
-
-
-def _recording(
-    run: Run,
-    chosen: np.ndarray,
-    stamps: np.ndarray,
-    frames: np.ndarray,
-    time: np.ndarray,
-    signals: dict[str, list[Any]],
-) -> Recording:
-    scenario, measure = run.scenario, run.scenario.measure
-    specimen, solver = scenario.specimen, scenario.solver
-    tool = run.station.tool.body().name()
-    middle = time - 0.5 * solver.period  # wrenches are means over a period
-    sd = {"sensor": max(measure.sensor.noise) or None, "joint-torque": None}
-    forces = {
-        tool if source == "sensor" else f"{tool}:{source}": Stream(
-            middle, np.array(signals[source]), sd[source]
-        )
-        for source in FORCES
-    }
-    rng = np.random.default_rng((measure.seed, 1))
+def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recording:
+    """All that is known before the probe: specimen, tool and sensors."""
+    measure, specimen = scenario.measure, scenario.specimen
+    tool = station.tool.body().name()
+    rest = station.material.scene.rest[chosen]
     low, high = (" ".join(f"{v:.9g}" for v in corner) for corner in specimen_corners(scenario))
-    values = {k: v for k, v in scenario.specimen.material.items() if k in specimen.known}
+    none = np.zeros(1)
     return Recording.from_arrays(
-        stamps,
-        frames + rng.normal(0.0, measure.noise, frames.shape) if measure.noise else frames,
+        none,
+        rest[None],
         noise=measure.noise or None,
-        p_reference=run.station.material.scene.rest[chosen],
+        p_reference=rest,
         density=specimen.made().density,
-        mass_scale=solver.mass_scale,
-        gravity=run.station.plant.gravity_field().gravity_vector(),
+        mass_scale=scenario.solver.mass_scale,
+        gravity=station.plant.gravity_field().gravity_vector(),
         law=specimen.law,
-        known=values,
-        poses={tool: Stream(time, np.array(signals["X_WT"]))},
-        forces=forces,
-        joints=Stream(time, np.array(signals["q"])),
+        known={k: v for k, v in specimen.material.items() if k in specimen.known},
+        forces={
+            tool: Stream(none, np.zeros((1, 3)), max(measure.sensor.noise) or None),
+            f"{tool}:joint-torque": Stream(none, np.zeros((1, 3))),
+        },
         geometry={"shape": "box", "low": low, "high": high},
         contact=dict(specimen.faces),
         source=f"form-drake simulate {scenario.name}",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
+from form_drake.identify import identify
 from form_drake.records import read, write_recording
 from form_drake.systems.probe import begin, planned, prepare, record, smooth, tracked, truth
 from form_drake.systems.replay import replay
@@ -201,7 +202,7 @@ def test_tracked_points_are_free_of_the_clamp():
     run = prepare(scenario)
     corners = specimen_corners(scenario)
     assert corners[1, 2] == pytest.approx(0.2375)
-    X = run.station.material.scene.rest[tracked(run)]
+    X = run.station.material.scene.rest[tracked(scenario, run.station)]
     assert len(X) == 400 and X[:, 2].max() < 0.2375
 
 
@@ -243,3 +244,29 @@ def truthful(name):
 def test_written_scenario_hides_the_material():
     content = yaml.safe_load(scenario_text("press_a", hidden=True))
     assert content["specimen"]["material"] == {"nu": 0.3, "density": 1000.0}
+
+
+def test_answers_sharpen_and_the_last_is_the_batch_answer():
+    """Streaming: refusals first, then answers whose intervals shrink; the last one is exact."""
+    scenario = short(
+        "press_b",
+        "specimen.law=fixed-corotated",
+        "specimen.material={E: 8.0e+4, nu: 0.3, density: 1000}",
+    )
+    run = prepare(scenario, answers=0.15)
+    identifier = run.diagram.GetSubsystemByName("identifier")
+    simulator = begin(run)
+    found = []
+    for time in (0.15, 0.3, 0.45):
+        simulator.AdvanceTo(time)
+        recording = run.recorder.recording(
+            run.recorder.GetMyContextFromRoot(simulator.get_context())
+        )
+        simulator.AdvanceTo(time + 0.005)
+        found.append(identifier.answer(identifier.GetMyContextFromRoot(simulator.get_context())))
+    last, batch = found[-1].identification, identify(recording, method="weak")
+    assert found[-1].time == recording.time[-1]
+    assert last.material.values == pytest.approx(batch.material.values, rel=1e-12)
+    assert last.material.values["mu"] == pytest.approx(80e3 / 2.6, rel=0.1)
+    deviations = [f.identification.material.parameters()["mu"].std for f in found]
+    assert deviations[-1] < 0.3 * deviations[0]

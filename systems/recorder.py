@@ -1,0 +1,136 @@
+"""What a probe measures, gathered in the Context of the diagram while it runs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from form_drake.records import Recording, Stream
+
+FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Samples so far, oldest first; never written again.
+
+    Attributes:
+        points: stamps [s] and tracked points p_WQ [m], shape [points, 3].
+        signals: stamps [s], X_WT as matrix, joint angles [rad], and a force [N] from each source.
+    """
+
+    points: tuple[tuple[float, np.ndarray], ...] = ()
+    signals: tuple[tuple[float, np.ndarray, np.ndarray, tuple[np.ndarray, ...]], ...] = ()
+
+    def __deepcopy__(self, memo: object) -> "Heard":
+        return self
+
+
+class ParticleTracks(LeafSystem):
+    """Chosen particles of a simulation as a tracker would report them.
+
+    Noise is a function of seed and frame, so that a cloned Context repeats it.
+
+    Ports: in ``particles`` (``Snapshot``); out ``points``: p_WQ [m], shape [points, 3].
+
+    Args:
+        chosen: indices of the particles.
+        noise: standard deviation of a coordinate [m].
+        seed: of it.
+        rate: of frames [Hz].
+    """
+
+    def __init__(self, chosen: np.ndarray, noise: float, seed: int, rate: float):
+        super().__init__()
+        self._chosen, self._noise, self._seed, self._rate = chosen, noise, seed, rate
+        self.DeclareAbstractInputPort("particles", Value[object](None))
+        self.DeclareAbstractOutputPort("points", lambda: Value[object](None), self._calc)
+
+    def _calc(self, context: Context, output: Value) -> None:
+        p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
+        if self._noise:
+            frame = round(context.get_time() * self._rate)
+            rng = np.random.default_rng((self._seed, frame))
+            p_WQ = p_WQ + rng.normal(0.0, self._noise, p_WQ.shape)
+        output.set_value(p_WQ)
+
+
+class Recorder(LeafSystem):
+    """Gathers tracked points, poses, joints and forces.
+
+    Ports: in ``points``, ``tool.X_WT``, ``panda.position_measured``, ``tool.force`` and
+    ``tool.force_from_torque``; out ``recording``: the ``Recording`` so far, or None before its
+    second frame.
+
+    Args:
+        header: a recording of the specimen and tool, of which stamps, points, poses, forces and
+            joints are replaced.
+        tool: name of the tool in it.
+        begin: when recording begins [s].
+        rate: of frames [Hz].
+        period: of the other signals [s]; forces are means over it.
+    """
+
+    def __init__(self, header: Recording, tool: str, *, begin: float, rate: float, period: float):
+        super().__init__()
+        self._header, self._tool, self._period = header, tool, period
+        self.DeclareAbstractInputPort("points", Value[object](None))
+        self.DeclareAbstractInputPort("tool.X_WT", Value[RigidTransform]())
+        self.DeclareVectorInputPort("panda.position_measured", 7)
+        for port in FORCES.values():
+            self.DeclareVectorInputPort(port, 3)
+        self._heard = self.DeclareAbstractState(Value[object](Heard()))
+        self.DeclareAbstractOutputPort(
+            "recording",
+            lambda: Value[object](None),
+            lambda context, out: out.set_value(self.recording(context)),
+            {self.abstract_state_ticket(self._heard)},
+        )
+        self._first = round(begin / period)
+        self._every = max(round(1.0 / (rate * period)), 1)
+        # one event at multiples of the period from 0 on, as the plant's: what was computed as
+        # 0.05 + 0.001 would come a round-off apart from it, before or after the step
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._hear)
+
+    def heard(self, context: Context) -> Heard:
+        """The samples so far."""
+        return context.get_abstract_state(int(self._heard)).get_value()
+
+    def recording(self, context: Context) -> Recording | None:
+        """What was recorded so far."""
+        heard = self.heard(context)
+        if len(heard.points) < 2:
+            return None
+        time = np.array([s[0] for s in heard.signals])
+        middle = time - 0.5 * self._period
+        forces = {}
+        for n, source in enumerate(FORCES):
+            name = self._tool if source == "sensor" else f"{self._tool}:{source}"
+            values = np.array([s[3][n] for s in heard.signals])
+            forces[name] = Stream(middle, values, self._header.forces[name].noise)
+        return replace(
+            self._header,
+            time=np.array([p[0] for p in heard.points]),
+            p_WQ=np.array([p[1] for p in heard.points]),
+            poses={self._tool: Stream(time, np.array([s[1] for s in heard.signals]))},
+            forces=forces,
+            joints=Stream(time, np.array([s[2] for s in heard.signals])),
+        )
+
+    def _hear(self, context: Context, state: State) -> EventStatus:
+        time = context.get_time()
+        step = round(time / self._period) - self._first
+        if step < 0:
+            return EventStatus.DidNothing()
+        heard = self.heard(context)
+        if step % self._every == 0:
+            points = self.GetInputPort("points").Eval(context)
+            heard = replace(heard, points=(*heard.points, (time, points)))
+        forces = tuple(np.array(self.GetInputPort(p).Eval(context)) for p in FORCES.values())
+        X_WT = self.GetInputPort("tool.X_WT").Eval(context).GetAsMatrix4()
+        q = np.array(self.GetInputPort("panda.position_measured").Eval(context))
+        heard = replace(heard, signals=(*heard.signals, (time, X_WT, q, forces)))
+        state.get_mutable_abstract_state(int(self._heard)).set_value(heard)
+        return EventStatus.Succeeded()
