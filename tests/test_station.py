@@ -251,13 +251,13 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     scenario = short(
         "press_b",
         "specimen.law=fixed-corotated",
-        "specimen.material={E: 8.0e+4, nu: 0.3, density: 1000}",
+        "specimen.material={E: 8.0e+4, nu: 0.3, density: 1000}", "measure.noise=1e-4",
     )
-    run = prepare(scenario, answers=0.15)
+    run = prepare(scenario, answers=0.03)
     identifier = run.diagram.GetSubsystemByName("identifier")
     simulator = begin(run)
     found = []
-    for time in (0.15, 0.3, 0.45):
+    for time in (0.15, 0.39, 0.48):
         simulator.AdvanceTo(time)
         recording = run.recorder.recording(
             run.recorder.GetMyContextFromRoot(simulator.get_context())
@@ -268,5 +268,6 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     assert found[-1].time == recording.time[-1]
     assert last.material.values == pytest.approx(batch.material.values, rel=1e-12)
     assert last.material.values["mu"] == pytest.approx(80e3 / 2.6, rel=0.1)
-    deviations = [f.identification.material.parameters()["mu"].std for f in found]
-    assert deviations[-1] < 0.3 * deviations[0]
+    assert found[0].identification is None and found[0].reason  # only noise was seen
+    deviations = [f.identification.material.parameters()["mu"].std for f in found[1:]]
+    assert deviations[1] < 0.5 * deviations[0]
