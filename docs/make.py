@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import positions, rubber, speed, table2, table2_weak, weak_form
+from form_drake.bench import positions, probes, rubber, speed, table2, table2_weak, weak_form
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
@@ -35,6 +35,7 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "speed": speed.table,
     "rubber": rubber.table,
     "weak-form": weak_form.table,
+    "probes": probes.table,
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
@@ -73,6 +74,29 @@ API = {
         "form_drake.mpm.simulation.stable_dt",
         "form_drake.mpm.bodies.block",
         "form_drake.mpm.bodies.rigid_velocity",
+        "form_drake.mpm.solids.Solid",
+        "form_drake.mpm.tools.Tool",
+        "form_drake.mpm.exchange.Scene",
+        "form_drake.mpm.exchange.Snapshot",
+    ),
+    "The station": (
+        "form_drake.systems.scenario.load_scenario",
+        "form_drake.systems.scenario.Scenario",
+        "form_drake.systems.station.make_station",
+        "form_drake.systems.probe.prepare",
+        "form_drake.systems.probe.record",
+        "form_drake.systems.replay.replay",
+        "form_drake.systems.replay.twin",
+        "form_drake.systems.material.AddMaterial",
+        "form_drake.systems.material.MaterialSystem",
+        "form_drake.systems.identifier.Identifier",
+        "form_drake.systems.recorder.Recorder",
+        "form_drake.systems.deformable.deformable_config",
+        "form_drake.systems.kinematics.inverse_kinematics",
+        "form_drake.systems.motion.tool_path",
+        "form_drake.systems.motion.timed_path",
+        "form_drake.systems.free_motion.free_move",
+        "form_drake.systems.snapshots.snapshot",
     ),
 }
 

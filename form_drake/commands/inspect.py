@@ -51,19 +51,23 @@ class List:
             say("Elastic laws may be added to each other, and fluids to each other: yeoh+gent.")
 
 
-def _scenarios() -> dict[str, Any]:
-    from form_drake.systems.scenario import load_scenario, named
+def _scenario(name: str | Path) -> dict[str, Any]:
+    from form_drake.systems.scenario import load_scenario
 
-    found = {name: load_scenario(name) for name in named()}
+    scenario = load_scenario(name)
     return {
-        name: {
-            "law": s.specimen.law,
-            "material": s.specimen.material,
-            "tool": s.probe.tool,
-            "seconds": s.probe.waypoints[-1].time,
-        }
-        for name, s in found.items()
+        "name": scenario.name,
+        "law": scenario.specimen.law,
+        "material": scenario.specimen.material,
+        "tool": scenario.probe.tool,
+        "seconds": scenario.probe.waypoints[-1].time if scenario.probe.waypoints else 0.0,
     }
+
+
+def _scenarios() -> dict[str, Any]:
+    from form_drake.systems.scenario import named
+
+    return {name: _scenario(name) for name in named()}
 
 
 def _law(name: str) -> dict[str, Any]:
@@ -91,10 +95,10 @@ def _material(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Check:
-    """Say what a recording or material file holds, or what is wrong with it."""
+    """Say what a recording, material or scenario file holds, or what is wrong with it."""
 
     file: tyro.conf.Positional[Path]
-    """An .h5 or .npz recording, or a .yaml material."""
+    """An .h5 or .npz recording, or a .yaml material or scenario."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
@@ -104,12 +108,10 @@ class Check:
         if self.file.suffix in READERS:
             found = {"kind": "recording", **_held(read(self.file))}
         elif self.file.suffix in (".yaml", ".yml"):
-            if "form_drake_material" not in read_mapping(self.file):
-                raise ValueError(
-                    f"{self.file}: no material, as it has no entry form_drake_material; this"
-                    " release reads recordings and materials, scenarios not yet"
-                )
-            found = {"kind": "material", **_material(self.file)}
+            if "form_drake_material" in read_mapping(self.file):
+                found = {"kind": "material", **_material(self.file)}
+            else:
+                found = {"kind": "scenario", **_scenario(self.file)}
         else:
             allowed = ", ".join([*READERS, ".yaml"])
             raise ValueError(f"{self.file}: unknown kind of file; known endings: {allowed}")
