@@ -271,3 +271,20 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     assert found[0].identification is None and found[0].reason  # only noise was seen
     deviations = [f.identification.material.parameters()["mu"].std for f in found[1:]]
     assert deviations[1] < 0.5 * deviations[0]
+
+
+def test_a_press_stops_at_a_force():
+    """The plate is held by the arm where the sensor reads 3 N, though the path goes on to 6 N."""
+    scenario = short()
+    scenario.probe.until_force = 3.0
+    force = record(prepare(scenario)).forces["press_plate"].value[:, 2]
+    assert 3.0 <= force.max() < 3.6
+    assert force[-1] == pytest.approx(3.2, abs=0.4)
+
+
+def test_a_thicker_strip_is_felt_by_the_joints():
+    """Both strips are the same material; the scenario of the thick one is stated to be felt."""
+    thin, thick = (load_scenario(name) for name in ("bend_a", "bend_arm_a"))
+    assert thin.specimen.material == thick.specimen.material
+    (a, b, _), (c, d, _) = thin.specimen.size, thick.specimen.size
+    assert (c / a) ** 3 * d / b > 200.0  # bending stiffness, at 10 mN of the thin strip
