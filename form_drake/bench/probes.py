@@ -27,6 +27,14 @@ FORCE_NOISE = 0.01  # of the largest force
 STIFFNESS, STRENGTH, POISSON = (20e3, 300e3), (0.01, 0.15), (0.30, 0.45)
 OWN_WEIGHT = 3.0  # least uniaxial yield stress over rho g H
 NORMAL_90 = 1.645
+# Held-out motions: a deeper press twice as fast from another start; a bend nearer to the clamp,
+# faster and less far.
+UNSEEN = {
+    "press": "[{time: 0.0, p_WT: [0.5, 0, 0.0765]}, {time: 0.3, p_WT: [0.5, 0, 0.0765]},"
+    " {time: 0.9, p_WT: [0.5, 0, 0.0665]}, {time: 1.1, p_WT: [0.5, 0, 0.0665]}]",
+    "bend": "[{time: 0.0, p_WT: [0.520, 0, 0.1745]}, {time: 0.3, p_WT: [0.520, 0, 0.1745]},"
+    " {time: 0.7, p_WT: [0.500, 0, 0.1745]}, {time: 0.9, p_WT: [0.500, 0, 0.1745]}]",
+}
 SECONDS = {"press": 60.0, "bend": 150.0}  # of one simulation
 READING = {"press": 8.0, "bend": 12.0}  # of one identification
 GOALS = {"median": 0.5, "worst": 1.0}
@@ -164,6 +172,21 @@ def with_noise(motions: Motions, name: str, made: tuple[str, ...], seeds: int) -
     }
 
 
+def unseen(motions: Motions, name: str, made: tuple[str, ...]) -> dict[str, Any]:
+    """Errors of a motion that was not used, predicted with the answer to exact tracks."""
+    from form_drake.systems.replay import replay
+    from form_drake.systems.scenario import load_scenario
+
+    material = identify(motions.recording(name, made), method="weak").material
+    other = (*made, f"probe.waypoints={UNSEEN[name.split('_')[0]]}")
+    found = replay(load_scenario(name, other), material, motions.recording(name, other))
+    return {
+        "shape_rms_mm": 1e3 * found.shape_rms,
+        "force_rms": 100.0 * found.force_rms,
+        "peak_error": 100.0 * found.peak_error,
+    }
+
+
 def run_probes(
     *, store: Path, only: tuple[str, ...] = (), seeds: int = SEEDS, specimens: int = SPECIMENS
 ) -> dict[str, Any]:
@@ -186,6 +209,9 @@ def run_probes(
             )
         cases[f"noise/{name}/seeds{seeds}"] = partial(with_noise, motions, scenario, made, seeds)
         estimates[f"noise/{name}/seeds{seeds}"] = READING[probe] * seeds
+    for name in NAMED:
+        cases[f"unseen/{name}"] = partial(unseen, motions, name, ())
+        estimates[f"unseen/{name}"] = 2.0 * SECONDS[name.split("_")[0]]
     mark = fingerprint() + _code()[:8]
     found = run_cases(cases, store=store, mark=mark, estimates=estimates, only=only)
     return {"bench": "probes", "cases": found, "goals": GOALS}
@@ -197,6 +223,7 @@ def table(result: dict[str, Any]) -> str:
     titles = {
         "exact": "exact tracks: error [%]",
         "twin": "exact tracks, with the twin: error [%]",
+        "unseen": "a motion that was not used: shape [mm rms], force [% of its peak, rms], peak force [%]",
         "noise": "20 um and 1 % of the largest force: median, 90th percentile, worst size of the"
         " error [%], coverage of the 90 % intervals",
     }
@@ -204,8 +231,8 @@ def table(result: dict[str, Any]) -> str:
     for kind, title in titles.items():
         own = {n.split("/")[1]: r for n, r in result["cases"].items() if n.split("/")[0] == kind}
         if own:
-            lines = _noisy_lines(own) if kind == "noise" else _exact_lines(own)
-            blocks.append("\n".join([title, *lines]))
+            lines = {"noise": _noisy_lines, "unseen": _unseen_lines}.get(kind, _exact_lines)
+            blocks.append("\n".join([title, *lines(own)]))
     return "\n\n".join(blocks)
 
 
@@ -235,4 +262,11 @@ def _noisy_lines(own: dict[str, Any]) -> list[str]:
         f"{r['coverage_90'][key]:>7.0%}{r['refused']:>4} refused of {r['seeds']}"
         for name, r in own.items()
         for key in r["median"]
+    ]
+
+
+def _unseen_lines(own: dict[str, Any]) -> list[str]:
+    return [
+        f"{name:10}{r['shape_rms_mm']:>8.3f}{r['force_rms']:>8.2f}{r['peak_error']:>+8.2f}"
+        for name, r in own.items()
     ]
