@@ -14,6 +14,7 @@ from form_drake.weak.stress import unit_stresses
 ROUNDS = 12
 STEP = 1e-6
 CLOSE = 1e-7  # of the stretches
+SANE = (0.1, 10.0)  # changes of volume that a start is made for
 LOST = 1e-3  # share of points, far outside what the tracks cover, that may not converge
 
 
@@ -36,6 +37,9 @@ def released(
         return F
     still, back = np.zeros_like(F), inverse(F)
     stretch = np.ones((*F.shape[:-2], 3))
+    # from no change of volume, where soft and nearly incompressible laws are nearly released
+    isochoric = np.clip(np.linalg.det(F), *SANE) ** (-1.0 / len(axes))
+    stretch[..., list(axes)] = isochoric[..., None]
 
     def normal(s: np.ndarray) -> np.ndarray:
         G = F * s[..., None, :]
