@@ -144,6 +144,18 @@ def test_motion_inside_gives_the_law(exact, law):
     assert max(errors(answer, truth).values()) < 5e-3
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_of_tracks_is_in_the_intervals_and_leaves_no_bias(exact, seed):
+    made, truth = recording(exact, "neo-hookean")
+    size = np.sqrt(np.mean((made.p_WQ - made.reference) ** 2))
+    noise = 0.01 * size * np.random.default_rng(seed).standard_normal(made.p_WQ.shape)
+    answer = identify(replace(made, p_WQ=made.p_WQ + noise), weak=WeakOptions(draws=2))
+    assert max(errors(answer, truth).values()) < 0.03
+    found = answer.material.parameters()
+    for key, value in truth.items():
+        assert abs(found[key].value - value) < 3.0 * found[key].std
+
+
 @pytest.mark.parametrize("law", HOMOGENEOUS)
 def test_homogeneous_stretches_and_forces_give_the_law(exact, law):
     made, truth = recording(exact, f"{law}-uniaxial")

@@ -218,15 +218,21 @@ def _line(left: Callable[[np.ndarray], float], span: np.ndarray, start: np.ndarr
     """Scan of one constant, then a golden-section search about the best."""
     if start is None:
         grid = np.linspace(span[0], span[1], GRID)
-        best = grid[int(np.argmin([left(np.array([e])) for e in grid]))]
+        best = float(grid[int(np.argmin([left(np.array([e])) for e in grid]))])
         reach = grid[1] - grid[0]
     else:
         best, reach = float(start[0]), 0.25 * (span[1] - span[0]) / GRID
-    low, high = max(best - reach, span[0]), min(best + reach, span[1])
-    found = minimize_scalar(
-        lambda e: left(np.array([e])), bounds=(low, high), method="bounded", options={"xatol": 1e-4}
-    )
-    return finite("search", found.x)
+    while True:
+        low, high = max(best - reach, span[0]), min(best + reach, span[1])
+        found = minimize_scalar(
+            lambda e: left(np.array([e])),
+            bounds=(low, high),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        last, best = best, finite("search", found.x)
+        if abs(best - last) < 0.9 * reach or min(best - span[0], span[1] - best) < 0.1 * reach:
+            return best
 
 
 def _largest_strain(probe: Probe, unknowns: Unknowns) -> float:

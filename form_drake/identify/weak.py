@@ -28,7 +28,7 @@ from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved,
 from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Pressure, Unknowns
 
-PASSES = 2  # of the weights after the first search
+PASSES = 3  # of the weights after the first search
 
 Estimator = Literal["gls", "ols"]
 
@@ -306,7 +306,7 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
         noise = problem.noise(eta, theta)
         system = problem.system(eta, theta)
         by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
-        if n == 0:
+        if n < PASSES - 1:
             eta = problem.searched(by, eta)
         solution = problem.solved(problem.system(eta), by)
     return eta, solution, by, noise

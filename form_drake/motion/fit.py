@@ -1,7 +1,8 @@
 """Motion from tracked points: a space-time spline whose knots the recording itself chooses.
 
 Displacements of the tracks are fitted by products of B-splines in the stress-free coordinates and
-in time, whose knots ``form_drake.motion.knots`` chooses.
+in time, whose knots ``form_drake.motion.knots`` chooses. What stands out of the noise (its modes)
+and the rest are smoothed in space, each as its own size asks for.
 """
 
 from dataclasses import dataclass
@@ -11,12 +12,29 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_triangular
 
 from form_drake.motion.body import Body
-from form_drake.motion.knots import chosen_space, chosen_time, filled, normal, press
+from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, normal, press
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording
 
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
+FLAT = 1e-9  # of the largest roughness, below which a function has none
+FACTORS = 200  # of smoothing that are compared
+# times the likely variance that a mode is granted: what smoothing costs must stay below the noise
+UNDER = 10.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """An independent part of the error of a fit, space_root diag(scale) z time_root^T with z white.
+
+    Attributes:
+        scale: shape [space.size].
+        time_root: shape [time.size, moments].
+    """
+
+    scale: np.ndarray
+    time_root: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -30,8 +48,9 @@ class Fit:
         noise: standard deviation of one measured coordinate [m], stated or estimated.
         misfit: root mean square residual of the tracks, per degree of freedom left [m].
         held_out: root mean square error at held-out tracks [m].
-        space_root: R with R R^T the covariance of c along space per unit noise.
-        time_root: the same along time.
+        space_root: R with R R^T the covariance of c along space per unit noise, were none of it
+            smoothed.
+        spread: parts of the covariance of c per unit noise, see there.
     """
 
     space: Tensor
@@ -41,14 +60,15 @@ class Fit:
     misfit: float
     held_out: float
     space_root: np.ndarray
-    time_root: np.ndarray
+    spread: tuple[Spread, ...]
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Noise of the coefficients [m], shape of c."""
-        z = rng.standard_normal(self.c.shape)
-        return self.noise * np.einsum(
-            "ab,bic,dc->aid", self.space_root, z, self.time_root, optimize=True
-        )
+        white = np.zeros(self.c.shape)
+        for part in self.spread:
+            z = rng.standard_normal((*self.c.shape[:2], part.time_root.shape[1]))
+            white += part.scale[:, None, None] * (z @ part.time_root.T)
+        return np.asarray(self.noise * np.tensordot(self.space_root, white, axes=1))
 
     def describe(self) -> dict[str, object]:
         """Facts for a report."""
@@ -74,28 +94,81 @@ def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit
         ValueError: too few points or frames, or points on one plane.
     """
     X, u, valid, time = _tracks(recording, body)
-    space = chosen_space(X, u, valid, body) if like is None else like.space
+    stated = recording.noise
+    jitter = _jitter(recording.time, u, valid)
+    space = chosen_space(X, u, valid, body, stated or jitter) if like is None else like.space
     u = filled(space, X, u, valid)
-    c, root = _projected(space, X, u, valid)
+    c, root, roughness = _projected(space, X, u, valid)
     rest = u - space.matrix(X) @ c
     freedom = 1.0 - space.size / valid.any(axis=0).sum()
     spread = float(np.sqrt(np.mean(rest[valid] ** 2) / max(freedom, 1e-3)))
-    stated = recording.noise
-    jitter = _jitter(recording.time, u, valid)
-    white = np.linalg.solve(root, c.reshape(len(time), space.size, 3)).reshape(len(time), -1)
+    white = np.linalg.solve(root, c).reshape(len(time), -1)
     if like is None:
         splines = chosen_time(time, white, stated or min(spread, jitter))
     else:
         splines = like.time
-    B = splines.matrix(time)
-    gamma, time_root = _least_squares(B, c.reshape(len(time), -1))
-    c_ab = gamma.reshape(splines.size, space.size, 3).transpose(1, 2, 0)
-    left = u - space.matrix(X) @ np.einsum("aib,tb->tai", c_ab, B, optimize=True)
+    Q, R = np.linalg.qr(splines.matrix(time))
+    z, time_root = Q.T @ white, np.linalg.inv(R)
+    left = u - space.matrix(X) @ (root @ (Q @ z).reshape(c.shape))
     count = valid.sum() * (1.0 - space.size * splines.size / (len(X) * len(time)))
     misfit = float(np.sqrt(np.sum(left[valid] ** 2) / 3.0 / max(count, 1.0)))
     held = press(space, X, u, valid)
     noise = min(misfit, jitter) if stated is None else stated
-    return Fit(space, splines, c_ab, noise, misfit, held, root, time_root)
+    z, shares, series = _smoothed(z, roughness, noise)
+    c_ab = np.einsum("ab,tbi,st->ais", root, z, time_root, optimize=True)
+    parts = [Spread(np.sqrt(shares[0]), time_root)]
+    for share, one in zip(shares[1:], series.T, strict=True):
+        parts.append(Spread(np.sqrt(share - shares[0]), time_root @ one[:, None]))
+    return Fit(space, splines, c_ab, noise, misfit, held, root, tuple(parts))
+
+
+def _smoothed(
+    z: np.ndarray, roughness: np.ndarray, noise: float
+) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+    """Coefficients of white noise, smoothed in space: each mode by itself, and the rest together.
+
+    Returns:
+        Coefficients, shape [moments, space, 3]; the share that is kept of each function in the rest
+        and in every mode, which is its variance too, shape [space] each; the modes' series, shape
+        [moments, modes].
+    """
+    shape = (len(z), len(roughness), 3)
+    U, S, Vt = modes(z, noise)
+    weak = (z - (U * S) @ Vt).reshape(shape)
+    count = 3 * (len(z) - len(S))
+    rest = np.ones(len(roughness))
+    if count > 0:
+        rest = _share(np.sum(weak**2, axis=(0, 2)) / count, roughness, noise)
+    found, shares = rest[:, None] * weak, [rest]
+    for series, mode in zip(U.T, (S[:, None] * Vt).reshape(-1, *shape[1:]), strict=True):
+        own = _share(np.mean(mode**2, axis=1), roughness, noise)
+        own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
+        found += series[:, None, None] * (own[:, None] * mode)
+        shares.append(own)
+    return found, shares, U
+
+
+def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray:
+    """Share of each function that is likely not noise, where its variance goes by 1 / roughness.
+
+    The factor is the most likely one (evidence); functions without roughness are kept.
+
+    Args:
+        power: mean square of the coefficients [m^2], noise included, shape [space].
+        roughness: shape [space].
+        noise: standard deviation of a coefficient [m].
+    """
+    found = np.ones(len(roughness))
+    rough = roughness > FLAT * roughness.max()
+    k = roughness[rough]
+    if noise <= 0.0 or not len(k):
+        return found
+    top = max(float(power.max()), noise**2)
+    factors = np.geomspace(1e-6 * noise**2 * k.min(), 1e3 * top * k.max(), FACTORS)
+    variance = noise**2 + factors[:, None] / k
+    cost = np.sum(np.log(variance) + power[rough] / variance, axis=1)
+    found[rough] = 1.0 - noise**2 / variance[int(np.argmin(cost))]
+    return found
 
 
 def _tracks(
@@ -138,25 +211,22 @@ def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
         )
 
 
-def _least_squares(Phi: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solution of Phi c = y and R with R R^T = (Phi^T Phi)^-1."""
-    Q, R = np.linalg.qr(Phi)
-    return np.linalg.solve(R, Q.T @ y), np.linalg.inv(R)
-
-
 def _projected(
     space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of every frame, shape [frames, size, 3], and the root of their covariance.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients of every frame [frames, size, 3], the root of their covariance, and its roughness.
 
-    A point seen in part of the frames weighs in the covariance by that share.
+    A point seen in part of the frames weighs in the covariance by that share. The root's columns
+    share no roughness; each has its own, shape [size].
     """
     T, P = valid.shape
     Phi = space.matrix(X)
     flat = np.linalg.solve(normal(Phi, space), Phi.T @ u.transpose(1, 0, 2).reshape(P, -1))
-    root = np.linalg.cholesky(normal(Phi, space, np.sqrt(valid.mean(axis=0))))
-    inverse = solve_triangular(root, np.eye(len(root)), lower=True).T
-    return flat.reshape(-1, T, 3).transpose(1, 0, 2), inverse
+    factor = np.linalg.cholesky(normal(Phi, space, np.sqrt(valid.mean(axis=0))))
+    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
+    roughness, turn = np.linalg.eigh(inverse @ space.roughness() @ inverse.T)
+    root = inverse.T @ turn
+    return flat.reshape(-1, T, 3).transpose(1, 0, 2), root, np.maximum(roughness, 0.0)
 
 
 def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

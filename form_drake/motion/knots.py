@@ -1,6 +1,11 @@
 """Which splines follow a motion: chosen inside one recording, by error at left-out tracks.
 
 A linear fit gives that error in closed form, residual / (1 - leverage).
+
+Motion of few degrees of freedom stands out of the noise as few modes, sums of products of a field and
+a time series (singular vectors of the tracks as a matrix). Each gathers what all frames, or all
+points, tell of it. Bases are chosen by the modes: frame by frame the noise would hide what a basis
+cannot follow, while the balance, which gathers frames too, would see it as a bias.
 """
 
 from functools import cache
@@ -64,10 +69,37 @@ def press(space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> flo
     return float(np.sqrt(np.mean(np.sort(square)[: int(KEPT * len(square))])))
 
 
-def chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) -> Tensor:
-    """Climbs the ladder where the held-out error is least, while it stays near the least found."""
-    every = max(1, len(u) // LOOKS)
-    u, valid = u[::every], valid[::every]
+def modes(y: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Singular triplets U, S, V^T of what stands out of white noise; the first in any case.
+
+    White noise of n x m entries has singular values up to noise (sqrt n + sqrt m) (Marchenko, Pastur).
+
+    Args:
+        y: shape [frames, series].
+        noise: standard deviation of an entry.
+    """
+    U, S, Vt = np.linalg.svd(y, full_matrices=False)
+    count = max(1, int(np.sum(S > noise * (np.sqrt(y.shape[0]) + np.sqrt(y.shape[1])))))
+    return U[:, :count], S[:count], Vt[:count]
+
+
+def _looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fields by which bases are compared: modes, or some frames where points are missing."""
+    if not valid.all():
+        every = max(1, len(u) // LOOKS)
+        return u[::every], valid[::every]
+    _, S, Vt = modes(u.reshape(len(u), -1), noise)
+    return (S[:, None] * Vt).reshape(-1, *u.shape[1:]), np.ones((len(S), u.shape[1]), dtype=bool)
+
+
+def chosen_space(
+    X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body, noise: float
+) -> Tensor:
+    """Climbs the ladder where the held-out error is least, while it stays near the least found.
+
+    ``noise`` is the standard deviation of a coordinate [m].
+    """
+    u, valid = _looked_at(u, valid, noise)
 
     held = [
         (body.faces[2 * n].condition == "bonded", body.faces[2 * n + 1].condition == "bonded")
@@ -107,13 +139,15 @@ def chosen_space(X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body) ->
 
 
 def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
-    """Halves spans where the residual of whitened coefficients stands out of the noise.
+    """Halves spans where the residual of the modes stands out of the noise.
 
     Args:
         time: stamps [s].
         y: series of whitened coefficients [m], shape [frames, series].
         noise: standard deviation that each series holds [m].
     """
+    left, size, _ = modes(y, noise)
+    y = left * size
     breaks = np.linspace(time[0], time[-1], 5)
     while True:
         splines = Splines(breaks, TIME_DEGREE)

@@ -20,20 +20,33 @@ Stress = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.nda
 
 
 @dataclass(frozen=True)
+class Moments:
+    """One part of the error of a fit along time, see ``form_drake.motion.fit.Spread``.
+
+    Attributes:
+        scale: shape [3 space].
+        series: shape [times, moments].
+        rate: [1/s], shape [times, moments].
+    """
+
+    scale: np.ndarray
+    series: np.ndarray
+    rate: np.ndarray
+
+
+@dataclass(frozen=True)
 class Bases:
     """Bases of a fit for coefficients of unit covariance.
 
     Attributes:
         value: shape [points, space].
         gradient: [1/m], rows are points times directions, shape [3 points, space].
-        series: shape [times, series].
-        rate: [1/s], shape [times, series].
+        moments: parts of the error along time.
     """
 
     value: np.ndarray
     gradient: np.ndarray
-    series: np.ndarray
-    rate: np.ndarray
+    moments: tuple[Moments, ...]
 
     @classmethod
     def of(cls, fit: Fit, sampling: Sampling) -> "Bases":
@@ -42,8 +55,14 @@ class Bases:
         return cls(
             sampling.value @ fit.space_root,
             along @ fit.space_root,
-            sampling.series @ fit.time_root,
-            sampling.rate @ fit.time_root,
+            tuple(
+                Moments(
+                    np.tile(part.scale, 3),
+                    sampling.series @ part.time_root,
+                    sampling.rate @ part.time_root,
+                )
+                for part in fit.spread
+            ),
         )
 
 
@@ -179,11 +198,21 @@ def track_noise(
         [np.concatenate(p) for p in zip(*(s[c].parts for s in families), strict=True)]
         for c in range(looks)
     ]
-    blocks = [_window(parts, groups, span.chi[w], span.rate[w], bases) for w in range(len(span))]
-    m = blocks[0][0].shape[0]
+    m = len(parts[0][0])
     total = np.zeros((m * len(span),) * 2)
+    for one in bases.moments:
+        total += _covariance(
+            [_window(parts, groups, span.chi[w], span.rate[w], one) for w in range(len(span))]
+        )
+    return total
+
+
+def _covariance(blocks: list[tuple[np.ndarray, int]]) -> np.ndarray:
+    """Products of the rows of all windows, as of ``_window``."""
+    m = len(blocks[0][0])
+    total = np.zeros((m * len(blocks),) * 2)
     for w, (K, first) in enumerate(blocks):
-        for u in range(w, len(span)):
+        for u in range(w, len(blocks)):
             M, start = blocks[u]
             lo, hi = max(first, start), min(first + K.shape[1], start + M.shape[1])
             if lo >= hi:
@@ -201,7 +230,7 @@ def _window(
     groups: np.ndarray,
     chi: np.ndarray,
     chi_rate: np.ndarray,
-    bases: Bases,
+    moments: Moments,
 ) -> tuple[np.ndarray, int]:
     """Rows of a window by whitened noise, shape [fields, moments, 3 space], and the first moment.
 
@@ -211,8 +240,10 @@ def _window(
     pulls = []
     for c in np.unique(groups[inside]):
         own = inside[groups[inside] == c]
-        by_rate = chi[own] @ bases.rate[own]
-        pulls.append((c, chi[own] @ bases.series[own], chi_rate[own] @ bases.rate[own], by_rate))
+        by_rate = chi[own] @ moments.rate[own]
+        pulls.append(
+            (c, chi[own] @ moments.series[own], chi_rate[own] @ moments.rate[own], by_rate)
+        )
     size = sum(np.abs(a) + np.abs(b) + np.abs(d) for _, a, b, d in pulls)
     seen = np.flatnonzero(size > SMALL * size.max())
     first, last = int(seen[0]), int(seen[-1]) + 1
@@ -220,4 +251,4 @@ def _window(
     for c, *weights in pulls:
         for part, pull in zip(parts[c], weights, strict=False):
             K += part[:, None, :] * pull[None, first:last, None]
-    return K, first
+    return K * moments.scale, first
