@@ -24,6 +24,7 @@ from form_drake.mpm.tools import Motions, Tool
 from form_drake.systems.shapes import friction, solid
 
 PERIOD = 1e-3
+MOST_PARTICLES = 2_000_000
 ROOM = 1.0  # of a body's longest edge, left around it by default
 
 Contact = float | Literal["stick", "bonded"]
@@ -215,6 +216,12 @@ def particles(shape: Shape, X_WM: RigidTransform, spacing: float) -> Body:
     outline = solid(shape, 0.5 * spacing)
     if outline.kind == "half-space":
         raise ValueError("a half-space cannot be filled with material: choose a finite shape")
+    count = np.prod(2.0 * outline.reach / spacing)
+    if count > MOST_PARTICLES:
+        raise ValueError(
+            f"{2e3 * outline.reach} mm filled by particles every {1e3 * spacing:.3g} mm would be"
+            f" {count:.2g} of them, at most {MOST_PARTICLES:.0e}: enlarge dx or take a smaller body"
+        )
     if outline.kind == "box":
         body = block((0.0, 0.0, 0.0), 2.0 * outline.size, spacing, 1.0)
     else:

@@ -1,6 +1,7 @@
 """Scenarios: what a station holds, what it does and what is measured, as typed YAML."""
 
 import dataclasses
+import math
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -176,11 +177,39 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
             the message says what is allowed.
     """
     try:
-        return yaml_load_typed(
+        found = yaml_load_typed(
             schema=Scenario, data=scenario_text(name, changes), defaults=Scenario()
         )
+        _sensible(found)
+        return found
     except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"scenario {name}: {error}") from None
+
+
+def _sensible(scenario: Scenario) -> None:
+    """Refuse numbers that no station can have."""
+    specimen, solver, measure = scenario.specimen, scenario.solver, scenario.measure
+    positive = {
+        "solver.dx": solver.dx,
+        "solver.period": solver.period,
+        "solver.mass_scale": solver.mass_scale,
+        "measure.rate": measure.rate,
+    }
+    for name, value in positive.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name}: a positive number is wanted, got {value}")
+    triples = {
+        "specimen.size": specimen.size,
+        "specimen.p_WM": specimen.p_WM,
+        "solver.room": solver.room,
+        "probe.rpy_deg": scenario.probe.rpy_deg,
+    }
+    for name, values in triples.items():
+        if len(values) != 3 or not all(math.isfinite(v) for v in values):
+            raise ValueError(f"{name}: three numbers are wanted, got {values}")
+    for name, value in {"measure.points": measure.points, "measure.noise": measure.noise}.items():
+        if not 0 <= value < math.inf:
+            raise ValueError(f"{name}: must not be negative, got {value}")
 
 
 def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool = False) -> str:

@@ -177,9 +177,6 @@ def _soft(
     scene_graph: SceneGraph,
 ) -> MaterialSystem:
     specimen, solver = scenario.specimen, scenario.solver
-    for name, numbers in (("size", specimen.size), ("p_WM", specimen.p_WM)):
-        if len(numbers) != 3:
-            raise ValueError(f"specimen.{name}: three numbers [m] are wanted, got {numbers}")
     corners = specimen_corners(scenario)
     halfway = {}
     for face in specimen.clamped:

@@ -71,6 +71,9 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("specimen.E=1",), "no specimen.E; allowed there are size, p_WM"),
         ("press_a", ("solver.dx=fine",), "solver.dx: a number is wanted, got 'fine'"),
         ("press_a", ("solver.dx",), "NAME.NAME=VALUE"),
+        ("press_a", ("measure.rate=0",), "measure.rate: a positive number"),
+        ("press_a", ("measure.points=-1",), "measure.points: must not be negative"),
+        ("press_a", ("specimen.size=[0.03, 0.03]",), "specimen.size: three numbers"),
         ("press_a", ("specimen.size.x=1",), "holds no entries"),
         ("press_a", ("probe.waypoints=[{t: 0}]",), r"no probe.waypoints\[0\].t"),
     ],
@@ -92,7 +95,7 @@ def test_inheritance_without_end(tmp_path):
     ("changes", "said"),
     [
         (("specimen.material.G=1e3",), "no parameter 'G'"),
-        (("specimen.size=[0.03, 0.03]",), "specimen.size: three numbers"),
+        (("specimen.size=[0.3, 0.3, 0.3]",), "1.4e.07 of them"),
         (("specimen.contact={anvil: 0.0}",), "no body anvil"),
         (("specimen.contact={specimen_stand: 0.1}",), "press_plate is not among"),
         (("specimen.clamped={top: 0.01}",), "no face 'top'"),
@@ -251,7 +254,8 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     scenario = short(
         "press_b",
         "specimen.law=fixed-corotated",
-        "specimen.material={E: 8.0e+4, nu: 0.3, density: 1000}", "measure.noise=1e-4",
+        "specimen.material={E: 8.0e+4, nu: 0.3, density: 1000}",
+        "measure.noise=1e-4",
     )
     run = prepare(scenario, answers=0.03)
     identifier = run.diagram.GetSubsystemByName("identifier")
