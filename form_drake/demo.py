@@ -23,10 +23,6 @@ STRENGTH = (0.03, 0.12)  # tau_y / E, log-uniform
 GUESS = (60e3, 0.06)  # E [Pa] and tau_y / E before the probe: the middles of both
 NOISE = 20e-6  # of tracked points [m]
 FORCE_NOISE = 0.05  # of the force sensor [N]
-# Deeper and twice as fast as the probe, from another start.
-UNSEEN = "[{time: 0.0, p_WT: [0.5, 0, 0.0765]}, {time: 0.3, p_WT: [0.5, 0, 0.0765]}, \
-{time: 0.9, p_WT: [0.5, 0, 0.0665]}, {time: 1.1, p_WT: [0.5, 0, 0.0665]}, \
-{time: 1.6, p_WT: [0.5, 0, 0.0765]}]"
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ def run_demo(
         changes: of the scenario, PATH=VALUE.
     """
     from form_drake.systems.probe import prepare, record, shown, truth
-    from form_drake.systems.scenario import load_scenario, scenario_text
+    from form_drake.systems.scenario import held_out, load_scenario, scenario_text
     from form_drake.systems.viewer import View
 
     rng = np.random.default_rng(seed)
@@ -80,12 +76,10 @@ def run_demo(
     run.write_page(folder / "station.html")
     _pictures(run, folder)
     say("2/5 and a second, fresh block deeper and faster, for the test of the prediction")
-    unseen = load_scenario(SCENARIO, (*changes, *hidden, f"probe.waypoints={UNSEEN}"))
-    write_recording(record(prepare(unseen)), folder / "unseen.h5")
-    text = scenario_text(SCENARIO, (*changes, f"probe.waypoints={UNSEEN}"), hidden=True)
-    write_text(folder / "scenario.yaml", text)
+    write_recording(record(prepare(held_out(scenario))), folder / "unseen.h5")
+    write_text(folder / "scenario.yaml", scenario_text(SCENARIO, changes, hidden=True))
     write_json(folder / "truth.json", truth(scenario))
-    del scenario, unseen, run, hidden
+    del scenario, run, hidden
     say("3/5 the law is identified from tracked points and measured force")
     answer = identify(read(folder / "recording.h5").measured_by("sensor"))
     answer.material.write(folder / "material.yaml")

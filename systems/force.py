@@ -7,37 +7,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from form_drake.control import tool_wrench
 from form_drake.systems.arm import JOINTS, arm_joints
-
-LENGTH = 0.1
-"""Length [m] by which moments are divided before they are weighed against forces."""
-DAMPING = 1e-4
-"""Tikhonov damping as a share of the largest singular value."""
-
-
-def tool_wrench(
-    J: np.ndarray, torque: np.ndarray, sd: np.ndarray | None = None
-) -> tuple[np.ndarray, float]:
-    """The wrench on a tool that best explains external joint torques.
-
-    Minimizes |S^-1 (torque - J^T F)|^2 + (DAMPING sigma_max)^2 |F'|^2, where S = diag(sd), F' is F
-    with its moment divided by ``LENGTH``, and sigma_max the largest singular value: weighted,
-    lightly damped least squares, of bias (DAMPING times condition)^2.
-
-    Args:
-        J: Jacobian of V_WT, rotation above translation, in W; shape [6, n].
-        torque: external joint torques [N m], shape [n].
-        sd: their standard deviations [N m], shape [n]; None: all alike.
-
-    Returns:
-        The spatial force F_T_W on the tool, moment [N m] above force [N], shape [6]; and the
-        condition number of the scaled problem.
-    """
-    weight = np.ones(len(torque)) if sd is None else np.min(sd) / sd
-    scale = np.array([LENGTH] * 3 + [1.0] * 3)
-    U, s, Vt = np.linalg.svd((J * scale[:, None]).T * weight[:, None], full_matrices=False)
-    gain = s / (s**2 + (DAMPING * s[0]) ** 2)
-    return scale * (Vt.T @ (gain * (U.T @ (weight * torque)))), float(s[0] / s[-1])
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """A probe run: the arm follows the scenario's path, everything measured is recorded."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
+from form_drake.control import Follow, smooth
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
-from form_drake.systems.follower import Follow, PathFollower
+from form_drake.systems.follower import PathFollower
 from form_drake.systems.identifier import Identifier
 from form_drake.systems.motion import timed_path
 from form_drake.systems.page import write_page
 from form_drake.systems.recorder import FORCES, ParticleTracks, Recorder
-from form_drake.systems.scenario import Scenario, Waypoint
+from form_drake.systems.scenario import Scenario
 from form_drake.systems.station import (
     Station,
     directives,
@@ -28,16 +29,6 @@ from form_drake.systems.station import (
     tool_rotation,
 )
 from form_drake.systems.viewer import View
-
-
-def smooth(waypoints: Sequence[Waypoint], time: float) -> np.ndarray:
-    """Place [m] at a time: 3u^2 - 2u^3 between waypoints, at rest at each."""
-    stamps = [w.time for w in waypoints]
-    n = int(np.clip(np.searchsorted(stamps, time, side="right") - 1, 0, len(stamps) - 2))
-    u = np.clip((time - stamps[n]) / (stamps[n + 1] - stamps[n]), 0.0, 1.0)
-    a, b = (np.array(waypoints[i].p_WT) for i in (n, n + 1))
-    place: np.ndarray = a + (3.0 * u**2 - 2.0 * u**3) * (b - a)
-    return place
 
 
 def planned(scenario: Scenario) -> Trajectory:
@@ -55,7 +46,12 @@ def planned(scenario: Scenario) -> Trajectory:
         raise ValueError("probe.waypoints: p_WT are three numbers [m]")
     arm = Arm.load(directives(scenario), tool=scenario.probe.tool)
     R_WT = tool_rotation(scenario)
-    return timed_path(arm, lambda t: RigidTransform(R_WT, smooth(waypoints, t)), float(stamps[-1]))
+    places = [w.p_WT for w in waypoints]
+
+    def X_WT(time: float) -> RigidTransform:
+        return RigidTransform(R_WT, smooth(stamps, places, time))
+
+    return timed_path(arm, X_WT, float(stamps[-1]))
 
 
 @dataclass(frozen=True)
@@ -97,9 +93,9 @@ def prepare(
         view: what it shows of the material.
         answers: time [s] between identifications while the probe moves; None: none.
     """
-    motion = planned(scenario)
     builder = DiagramBuilder()
     station = make_station(scenario, meshcat=meshcat, view=view)
+    motion = planned(scenario)
     source = builder.AddSystem(station.diagram)
     follow = Follow(until_force=scenario.probe.until_force)
     follower = PathFollower(motion, follow, period=scenario.solver.period)

@@ -105,12 +105,14 @@ class Probe:
         tool: scoped name of the tool frame T.
         rpy_deg: its orientation in the world, roll, pitch, yaw [deg].
         waypoints: the tool's path, 3u^2 - 2u^3 between them.
+        unseen: another path, for tests of a prediction.
         until_force: force [N] at which the tool stops on its way; None: it goes to the end.
     """
 
     tool: str = ""
     rpy_deg: list[float] = field(default_factory=lambda: [180.0, 0.0, 0.0])
     waypoints: list[Waypoint] = field(default_factory=list)
+    unseen: list[Waypoint] = field(default_factory=list)
     until_force: float | None = None
 
 
@@ -184,6 +186,18 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
         return found
     except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"scenario {name}: {error}") from None
+
+
+def held_out(scenario: Scenario) -> Scenario:
+    """The scenario with its unseen path in the place of the probe's.
+
+    Raises:
+        ValueError: it has none.
+    """
+    if not scenario.probe.unseen:
+        raise ValueError(f"scenario {scenario.name} has no probe.unseen: add a path to test with")
+    probe = dataclasses.replace(scenario.probe, waypoints=scenario.probe.unseen)
+    return dataclasses.replace(scenario, probe=probe)
 
 
 def _sensible(scenario: Scenario) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Box, MakeRenderEngineVtk, Meshcat, RenderEngineVtkParams, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.parsing import (
     LoadModelDirectivesFromString,
     ModelDirectives,
@@ -15,12 +14,13 @@ from pydrake.multibody.parsing import (
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Demultiplexer
 
 from form_drake.material import Material
 from form_drake.motion.body import FACES
 from form_drake.mpm.exchange import region_around
-from form_drake.systems.arm import add_package, exclude_held_tool, scoped_frame
+from form_drake.systems.arm import add_package, arm_joints, exclude_held_tool, scoped_frame
 from form_drake.systems.force import Sensor, ToolForce
 from form_drake.systems.material import AddMaterial, Contact, MaterialSystem
 from form_drake.systems.panda import add_panda, apply_panda
@@ -57,9 +57,7 @@ class ToolPose(LeafSystem):
         super().__init__()
         self._plant, self._tool = plant, tool
         self._context = plant.CreateDefaultContext()
-        joints = [f"panda_joint{i + 1}" for i in range(7)]
-        instance = plant.GetModelInstanceByName(model)
-        self._index = [plant.GetJointByName(j, instance).position_start() for j in joints]
+        self._index = [j.position_start() for j in arm_joints(plant, model)]
         self.DeclareVectorInputPort("position", 7)
         self.DeclareAbstractOutputPort("X_WT", Value[RigidTransform], self._calc)
 
@@ -68,23 +66,6 @@ class ToolPose(LeafSystem):
         q[self._index] = self.get_input_port().Eval(context)
         self._plant.SetPositions(self._context, q)
         output.set_value(self._tool.CalcPoseInWorld(self._context))
-
-
-class ForceAt(LeafSystem):
-    """The force [N] of a wrench about a body's origin, as a sensor at the tool frame reports it.
-
-    A force does not change with the point it is taken about; the moment would.
-    Ports: in ``wrench``; out ``force``.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.DeclareVectorInputPort("wrench", 6)
-        self.DeclareVectorOutputPort("force", 3, self._calc)
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        wrench = SpatialForce(self.get_input_port().Eval(context))
-        output.SetFromVector(wrench.translational())
 
 
 def make_station(
@@ -147,26 +128,17 @@ def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant,
     plant, scene_graph = AddMultibodyPlant(config, builder)
     parser = Parser(plant)
     add_package(parser)
-    ProcessModelDirectives(directives(scenario), parser)
+    try:
+        ProcessModelDirectives(directives(scenario), parser)
+    except RuntimeError as error:
+        raise ValueError(f"scenario {scenario.name}: cell {scenario.cell}: {error}") from None
     return plant, scene_graph
 
 
 def directives(scenario: Scenario) -> ModelDirectives:
-    """The model directives of the scenario's cell.
-
-    Raises:
-        ValueError: the file cannot be found or read.
-    """
+    """The model directives of the scenario's cell."""
     text = f"directives:\n- add_directives: {{file: '{scenario.cell}'}}\n"
-    found = LoadModelDirectivesFromString(text)
-    scratch = MultibodyPlant(0.0)  # a parser does not keep its plant alive
-    parser = Parser(scratch)
-    add_package(parser)
-    try:
-        ProcessModelDirectives(found, parser)
-    except RuntimeError as error:
-        raise ValueError(f"scenario {scenario.name}: cell {scenario.cell}: {error}") from None
-    return found
+    return LoadModelDirectivesFromString(text)
 
 
 def _soft(
@@ -216,7 +188,7 @@ def specimen_corners(scenario: Scenario) -> np.ndarray:
         if face not in FACES:
             raise ValueError(f"specimen.clamped: no face {face!r}; allowed are {', '.join(FACES)}")
         axis, side = divmod(FACES.index(face), 2)
-        corners[side, axis] -= (1, -1)[1 - side] * length
+        corners[side, axis] += (1 - 2 * side) * length
     if np.any(corners[1] <= corners[0]):
         raise ValueError(f"specimen.clamped: {specimen.clamped} m leave nothing of {size} m free")
     return corners
@@ -265,11 +237,12 @@ def _export_force(
         raise ValueError(
             f"specimen.contact: the tool {body} is not among {', '.join(scenario.specimen.contact)}"
         )
-    ideal = builder.AddNamedSystem("ideal_force", ForceAt())
+    ideal = builder.AddNamedSystem("moment_and_force", Demultiplexer([3, 3]))
     sensor = builder.AddNamedSystem("force_sensor", Sensor(3, scenario.measure.sensor))
     builder.Connect(material.GetOutputPort(f"{body}.wrench"), ideal.get_input_port())
-    builder.Connect(ideal.get_output_port(), sensor.get_input_port())
-    builder.ExportOutput(ideal.get_output_port(), "tool.force_ideal")
+    force = ideal.get_output_port(1)  # the same about any point, the tool frame's origin too
+    builder.Connect(force, sensor.get_input_port())
+    builder.ExportOutput(force, "tool.force_ideal")
     builder.ExportOutput(sensor.get_output_port(), "tool.force")
 
 

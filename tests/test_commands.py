@@ -638,7 +638,7 @@ def test_a_process_refuses_in_one_line(tmp_path):
 def demo(tmp_path_factory):
     """One coarse run of the demo without camera packages."""
     folder = tmp_path_factory.mktemp("demo")
-    coarse = ("--set", "solver.dx=0.005", "--set", "solver.mass_scale=40")
+    coarse = ("--set", "solver.dx=0.0035", "--set", "solver.mass_scale=40")
     done = blocked(folder, "demo", "--seed", "11", "--json", *coarse, absent=CAMERAS)
     assert done.returncode == 0, done.stderr
     return folder / "runs" / "demo", done
@@ -652,7 +652,7 @@ def test_the_demo_identifies_its_hidden_material(demo):
     truth = json.loads((folder / "truth.json").read_text())
     assert set(truth["values"]) == {"mu", "lam", "tau_y"}
     for key in ("mu", "tau_y"):
-        assert found[key]["value"] == pytest.approx(truth["values"][key], rel=0.1)  # dx is coarse
+        assert found[key]["value"] == pytest.approx(truth["values"][key], rel=0.05)
     before, after = answer["before"], answer["after"]
     assert abs(after["peak_error"]) < 0.1 and after["shape_rms"] < 0.5 * before["shape_rms"]
     assert after["force_rms"] < 0.2 * before["force_rms"]

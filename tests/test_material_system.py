@@ -1,5 +1,8 @@
 """Soft bodies in a Drake diagram: exchange of momentum, the Context, what is refused."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
@@ -12,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from form_drake.laws import LAWS
-from form_drake.material import Material
+from form_drake.material import Material, read_material
 from form_drake.systems.arm import add_package
 from form_drake.systems.deformable import deformable_config
 from form_drake.systems.material import AddMaterial, particles
@@ -205,3 +208,21 @@ def test_elastic_materials_become_drakes_own():
     dough = Material(LAWS["von-mises"], {**SOFT.values, "tau_y": 1e3}, density=1000.0)
     with pytest.raises(ValueError, match="no deformable model of von-mises"):
         deformable_config(dough)
+
+
+def test_the_plant_of_the_readme(tmp_path, monkeypatch):
+    """The block runs as it stands there, given what its names stand for."""
+    root = Path(__file__).resolve().parents[1]
+    blocks = re.findall(r"^```py\n(.*?)^```$", (root / "README.md").read_text(), re.S | re.M)
+    (block,) = (b for b in blocks if "AddMaterial" in b)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(root / "models")
+    (tmp_path / "gripper.sdf").symlink_to(root / "models" / "tools" / "gripper.sdf")
+    known = {"builder": DiagramBuilder(), "X_WM": RigidTransform([0.0, 0.0, 0.3])}
+    known |= {n: globals()[n] for n in ("AddMaterial", "AddMultibodyPlant", "Box", "Parser")}
+    known |= {"MultibodyPlantConfig": MultibodyPlantConfig, "read_material": read_material}
+    exec(block, known)
+    simulator = Simulator(known["builder"].Build())
+    simulator.AdvanceTo(2 * STEP)
+    context = known["soft"].GetMyContextFromRoot(simulator.get_context())
+    assert known["soft"].snapshot(context).p_WQ.shape[1] == 3

@@ -17,9 +17,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, LogVectorOutput
 
+from form_drake.control import Follow, Progress, advanced, tool_wrench
 from form_drake.systems.arm import Arm, add_package, exclude_held_tool
-from form_drake.systems.follower import Follow, PathFollower, Progress, advanced
-from form_drake.systems.force import Sensor, SensorErrors, ToolForce, tool_wrench
+from form_drake.systems.follower import PathFollower
+from form_drake.systems.force import Sensor, SensorErrors, ToolForce
 from form_drake.systems.kinematics import inverse_kinematics
 from form_drake.systems.motion import straight, timed_path, tool_path
 from form_drake.systems.panda import PandaDriver, add_panda, apply_panda

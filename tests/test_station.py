@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 import yaml
 
+from form_drake.control import smooth
 from form_drake.identify import identify
 from form_drake.records import read, write_recording
-from form_drake.systems.probe import begin, planned, prepare, record, smooth, tracked, truth
+from form_drake.systems.probe import begin, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
-from form_drake.systems.scenario import Waypoint, load_scenario, named, scenario_text
+from form_drake.systems.scenario import (
+    Waypoint,
+    held_out,
+    load_scenario,
+    named,
+    scenario_text,
+)
 from form_drake.systems.station import make_station, specimen_corners
 
 COARSE = ("solver.dx=0.005", "solver.mass_scale=40", "measure.points=60")
@@ -136,13 +143,21 @@ def test_unreachable_tool():
 
 
 def test_waypoints_are_met_at_rest():
-    way = [Waypoint(0.0, [0, 0, 0]), Waypoint(1.0, [0, 0, 1.0]), Waypoint(3.0, [2.0, 0, 1.0])]
-    for w in way:
-        assert smooth(way, w.time) == pytest.approx(w.p_WT)
-        speed = (smooth(way, w.time + 1e-6) - smooth(way, w.time - 1e-6)) / 2e-6
-        assert speed == pytest.approx(0.0, abs=1e-5)
-    assert smooth(way, 2.0) == pytest.approx([1.0, 0.0, 1.0])
-    assert smooth(way, 9.0) == pytest.approx(way[-1].p_WT)
+    stamps, places = [0.0, 1.0, 3.0], [[0, 0, 0], [0, 0, 1.0], [2.0, 0, 1.0]]
+    for time, place in zip(stamps, places, strict=True):
+        assert smooth(stamps, places, time) == pytest.approx(place)
+        ends = (smooth(stamps, places, time + h) for h in (1e-6, -1e-6))
+        assert next(ends) - next(ends) == pytest.approx(0.0, abs=2e-11)
+    assert smooth(stamps, places, 2.0) == pytest.approx([1.0, 0.0, 1.0])
+    assert smooth(stamps, places, 9.0) == pytest.approx(places[-1])
+
+
+def test_unseen_paths_stand_in_the_scenarios():
+    for name in ("press_a", "press_b", "bend_a", "bend_b"):
+        scenario = load_scenario(name)
+        assert planned(held_out(scenario)).end_time() == scenario.probe.unseen[-1].time
+    with pytest.raises(ValueError, match="has no probe"):
+        held_out(load_scenario("bend_arm_a"))
 
 
 def test_recording_of_a_press(pressed, tmp_path):
@@ -261,7 +276,7 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     identifier = run.diagram.GetSubsystemByName("identifier")
     simulator = begin(run)
     found = []
-    for time in (0.15, 0.39, 0.48):
+    for time in (0.15, 0.36, 0.48):
         simulator.AdvanceTo(time)
         recording = run.recorder.recording(
             run.recorder.GetMyContextFromRoot(simulator.get_context())
@@ -274,7 +289,7 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     assert last.material.values["mu"] == pytest.approx(80e3 / 2.6, rel=0.1)
     assert found[0].identification is None and found[0].reason  # only noise was seen
     deviations = [f.identification.material.parameters()["mu"].std for f in found[1:]]
-    assert deviations[1] < 0.7 * deviations[0]
+    assert deviations[1] < 0.5 * deviations[0]
 
 
 def test_a_press_stops_at_a_force():
@@ -287,8 +302,14 @@ def test_a_press_stops_at_a_force():
 
 
 def test_a_thicker_strip_is_felt_by_the_joints():
-    """Both strips are the same material; the scenario of the thick one is stated to be felt."""
-    thin, thick = (load_scenario(name) for name in ("bend_a", "bend_arm_a"))
-    assert thin.specimen.material == thick.specimen.material
-    (a, b, _), (c, d, _) = thin.specimen.size, thick.specimen.size
-    assert (c / a) ** 3 * d / b > 200.0  # bending stiffness, at 10 mN of the thin strip
+    """The thick strip of the softer material pushes with 2 N, in the joints as at the sensor."""
+    changes = ("solver.dx=0.0095", "solver.settle=0.1", "measure.points=60")
+    scenario = load_scenario("bend_arm_a", changes)
+    scenario.probe.waypoints = scenario.probe.waypoints[:3]
+    recording = record(prepare(scenario))
+    sensor, torque = (
+        recording.measured_by(source).forces["bending_pusher"].value[-1]
+        for source in ("sensor", "joint-torque")
+    )
+    assert np.linalg.norm(sensor) > 2.0
+    assert torque == pytest.approx(sensor, abs=0.02 * np.linalg.norm(sensor))

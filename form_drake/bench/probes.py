@@ -27,14 +27,6 @@ FORCE_NOISE = 0.01  # of the largest force
 STIFFNESS, STRENGTH, POISSON = (20e3, 300e3), (0.01, 0.15), (0.30, 0.45)
 OWN_WEIGHT = 3.0  # least uniaxial yield stress over rho g H
 NORMAL_90 = 1.645
-# Held-out motions: a deeper press twice as fast from another start; a bend nearer to the clamp,
-# faster and less far.
-UNSEEN = {
-    "press": "[{time: 0.0, p_WT: [0.5, 0, 0.0765]}, {time: 0.3, p_WT: [0.5, 0, 0.0765]},"
-    " {time: 0.9, p_WT: [0.5, 0, 0.0665]}, {time: 1.1, p_WT: [0.5, 0, 0.0665]}]",
-    "bend": "[{time: 0.0, p_WT: [0.520, 0, 0.1745]}, {time: 0.3, p_WT: [0.520, 0, 0.1745]},"
-    " {time: 0.7, p_WT: [0.500, 0, 0.1745]}, {time: 0.9, p_WT: [0.500, 0, 0.1745]}]",
-}
 SECONDS = {"press": 60.0, "bend": 150.0}  # of one simulation
 READING = {"press": 8.0, "bend": 12.0}  # of one identification
 GOALS = {"median": 0.5, "worst": 1.0}
@@ -78,16 +70,17 @@ class Motions:
     def __init__(self, folder: Path):
         self._folder = folder
 
-    def recording(self, scenario: str, made: tuple[str, ...]) -> Recording:
-        """The probe without noise, simulated if it is not there yet."""
+    def recording(self, scenario: str, made: tuple[str, ...], *, unseen: bool = False) -> Recording:
+        """The probe, or the unseen motion, without noise; simulated if it is not there yet."""
         from form_drake.systems.probe import prepare, record
-        from form_drake.systems.scenario import load_scenario, scenario_text
+        from form_drake.systems.scenario import held_out, load_scenario, scenario_text
 
-        text = scenario_text(scenario, made)
+        text = scenario_text(scenario, made) + ("unseen" if unseen else "")
         mark = hashlib.sha256((text + _code()).encode()).hexdigest()[:16]
         path = self._folder / f"{mark}.h5"
         if not path.is_file():
-            write_recording(record(prepare(load_scenario(scenario, made))), path)
+            chosen = load_scenario(scenario, made)
+            write_recording(record(prepare(held_out(chosen) if unseen else chosen)), path)
         return read(path).measured_by("sensor")
 
 
@@ -178,8 +171,8 @@ def unseen(motions: Motions, name: str, made: tuple[str, ...]) -> dict[str, Any]
     from form_drake.systems.scenario import load_scenario
 
     material = identify(motions.recording(name, made), method="weak").material
-    other = (*made, f"probe.waypoints={UNSEEN[name.split('_')[0]]}")
-    found = replay(load_scenario(name, other), material, motions.recording(name, other))
+    measured = motions.recording(name, made, unseen=True)
+    found = replay(load_scenario(name, made), material, measured)
     return {
         "shape_rms_mm": 1e3 * found.shape_rms,
         "force_rms": 100.0 * found.force_rms,
