@@ -222,7 +222,7 @@ def _facts(rows: ProbeRows) -> list[list[str]]:
     fit, ends = probe.fit, probe.windows.ends
     bases = [
         f"{axis}: {_count(len(s.breaks) - 1, 'span')} of degree {s.degree}"
-        for axis, s in zip("xyz", fit.space.axes, strict=True)
+        for axis, s in zip("xyz", fit.space.scalar.axes, strict=True)
     ]
     spans = np.diff(fit.time.breaks)
     faces = [

@@ -78,7 +78,7 @@ def test_every_pressure_cancels_against_curls(exact):
     fields = CurlFields.of(shape)
     X, volume = shape.gauss(fields.breaks, 4)
     sampling = Sampling.of(fit, np.linspace(0.1, 0.3, 3), X, volume, 1000.0)
-    motion = replace(sampling, hessian=fit.space.hessian(X)).motion(fit.c)
+    motion = replace(sampling, hessian=fit.space.scalar.hessian(X)).motion(fit.c)
     # field by field and point by point, not only after integration
     sampled = fields.at(motion.frame(1))
     along_x = sampled.gradient @ motion.inverse[1]

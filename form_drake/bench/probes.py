@@ -1,11 +1,12 @@
 """Probes in the station: what they identify, against what was simulated.
 
 Four named scenarios and ten specimens drawn by seeds 0 to 9, none left out. Each motion is simulated
-once by the arm in its station and kept; noise is added to it afterwards. Beside the answer stands the
-one with the twin: the same probe simulated again at the identified values and read the same way.
+once by the arm in its station and kept; noise is added to it afterwards. Beside the answer stand the
+one with the twin (the same probe simulated again at the identified values and read the same way), what
+the solver's own stress leaves of the balance, which no reading can be blamed for, the answers from
+finer grids, and those to motions that finite elements have made.
 """
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,10 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.bench import oracles, weak_form
 from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
-from form_drake.identify import Identification, Unidentifiable, identify
-from form_drake.material import Material
-from form_drake.records import Recording, Stream, read, write_recording
+from form_drake.bench.oracles import ORACLES
+from form_drake.bench.probes_grid import SPACINGS, on_grid
+from form_drake.bench.probes_motions import Motions, code, errors
+from form_drake.bench.probes_tables import FINITE_KINDS, GOALS, table
+from form_drake.identify import Unidentifiable, identify
+from form_drake.records import Recording, Stream
 
 NAMED = ("press_a", "press_b", "bend_a", "bend_b")
 SPECIMENS = 10
@@ -29,7 +34,9 @@ OWN_WEIGHT = 3.0  # least uniaxial yield stress over rho g H
 NORMAL_90 = 1.645
 SECONDS = {"press": 60.0, "bend": 150.0}  # of one simulation
 READING = {"press": 8.0, "bend": 12.0}  # of one identification
-GOALS = {"median": 0.5, "worst": 1.0}
+FINER = 3.5  # power of the fineness of a grid by which a simulation takes longer
+
+__all__ = ["planned_cases", "run_probes", "table"]
 
 
 def specimen(seed: int) -> dict[str, float]:
@@ -64,36 +71,6 @@ def planned_cases(specimens: int) -> dict[str, tuple[str, tuple[str, ...]]]:
     return cases
 
 
-class Motions:
-    """Simulated probes, kept in a folder from one run of the bench to the next."""
-
-    def __init__(self, folder: Path):
-        self._folder = folder
-
-    def recording(self, scenario: str, made: tuple[str, ...], *, unseen: bool = False) -> Recording:
-        """The probe, or the unseen motion, without noise; simulated if it is not there yet."""
-        from form_drake.systems.probe import prepare, record
-        from form_drake.systems.scenario import held_out, load_scenario, scenario_text
-
-        text = scenario_text(scenario, made) + ("unseen" if unseen else "")
-        mark = hashlib.sha256((text + _code()).encode()).hexdigest()[:16]
-        path = self._folder / f"{mark}.h5"
-        if not path.is_file():
-            chosen = load_scenario(scenario, made)
-            write_recording(record(prepare(held_out(chosen) if unseen else chosen)), path)
-        return read(path).measured_by("sensor")
-
-
-def _code() -> str:
-    """Digest of what a simulated motion depends on."""
-    digest = hashlib.sha256()
-    for room in ("mpm", "laws", "systems", "models"):
-        for path in sorted((PACKAGE / room).resolve().rglob("*")):
-            if path.suffix in (".py", ".yaml", ".sdf", ".urdf"):
-                digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()
-
-
 def noisy(recording: Recording, seed: int) -> Recording:
     """With 20 um on every coordinate and 1 % of the largest force on the force."""
     rng = np.random.default_rng((seed, 1))
@@ -103,19 +80,6 @@ def noisy(recording: Recording, seed: int) -> Recording:
         sd = FORCE_NOISE * float(np.linalg.norm(stream.value, axis=1).max())
         forces[name] = Stream(stream.time, stream.value + rng.normal(0.0, sd, stream.value.shape))
     return replace(recording, p_WQ=p_WQ, forces=forces)
-
-
-def errors(answer: Identification, true: Material) -> dict[str, dict[str, float]]:
-    """Error [%] and standard deviation [%] of E and, where there is one, tau_y."""
-    found, truth = answer.material.parameters(), true.parameters()
-    return {
-        key: {
-            "error": 100.0 * (found[key].value / truth[key].value - 1.0),
-            "std": 100.0 * (found[key].std or 0.0) / truth[key].value,
-        }
-        for key in ("E", "tau_y")
-        if key in truth
-    }
 
 
 def without_noise(
@@ -180,6 +144,54 @@ def unseen(motions: Motions, name: str, made: tuple[str, ...]) -> dict[str, Any]
     }
 
 
+Cases = dict[str, Callable[[], dict[str, Any]]]
+
+
+def planned(
+    motions: Motions, seeds: int, specimens: int, only: tuple[str, ...] = ()
+) -> tuple[Cases, dict[str, float]]:
+    """Cases by name, and how many seconds each is expected to take.
+
+    The solver's own stress of a drawn specimen is looked at where ``only`` names the specimen.
+    """
+    from form_drake.bench.probes_stress import own_stress
+
+    cases: Cases = {}
+    expected: dict[str, float] = {}
+
+    def add(name: str, seconds: float, run: Callable[..., dict[str, Any]], *given: Any) -> None:
+        cases[name], expected[name] = partial(run, motions, *given), seconds
+
+    for name, (scenario, made) in planned_cases(specimens).items():
+        probe = scenario.split("_")[0]
+        once, reading = SECONDS[probe], READING[probe]
+        add(f"exact/{name}", once + reading, without_noise, scenario, made, False)
+        add(f"twin/{name}", 3.0 * (once + reading), without_noise, scenario, made, True)
+        add(f"noise/{name}/seeds{seeds}", reading * seeds, with_noise, scenario, made, seeds)
+        if name in NAMED or any(name in part for part in only):
+            add(f"own-stress/{name}", 2.0 * once, own_stress, scenario, made)
+    for name in NAMED:
+        probe = name.split("_")[0]
+        add(f"unseen/{name}", 2.0 * SECONDS[probe], unseen, name, ())
+        for dx in SPACINGS[probe]:
+            finer = SPACINGS[probe][0] / dx
+            seconds = SECONDS[probe] * finer**FINER + READING[probe]
+            add(f"dx/{name}/{1e3 * dx:.4g}", seconds, on_grid, name, dx)
+    return cases, expected
+
+
+def finite_elements(folder: Path, seeds: int) -> tuple[Cases, dict[str, float]]:
+    """Probes that finite elements have made, exact and noisy, as ``bench weak-form`` has them.
+
+    None where the package does not lie in a checkout of the project.
+    """
+    if not (ORACLES / "finite_elements.py").is_file():
+        return {}, {}
+    cases, expected = weak_form.planned(oracles.Motions.within(folder), seeds)
+    chosen = {n: run for n, run in cases.items() if n.split("/")[0] in FINITE_KINDS}
+    return chosen, expected
+
+
 def run_probes(
     *, store: Path, only: tuple[str, ...] = (), seeds: int = SEEDS, specimens: int = SPECIMENS
 ) -> dict[str, Any]:
@@ -190,76 +202,11 @@ def run_probes(
     """
     if seeds < 1:
         raise ValueError(f"--seeds {seeds}: one or more are wanted")
-    motions = Motions(store.parent / "motions")
-    cases: dict[str, Callable[[], dict[str, Any]]] = {}
-    estimates: dict[str, float] = {}
-    for name, (scenario, made) in planned_cases(specimens).items():
-        probe = scenario.split("_")[0]
-        for kind, twice in (("exact", False), ("twin", True)):
-            cases[f"{kind}/{name}"] = partial(without_noise, motions, scenario, made, twice)
-            estimates[f"{kind}/{name}"] = SECONDS[probe] * (1 + 2 * twice) + READING[probe] * (
-                1 + 2 * twice
-            )
-        cases[f"noise/{name}/seeds{seeds}"] = partial(with_noise, motions, scenario, made, seeds)
-        estimates[f"noise/{name}/seeds{seeds}"] = READING[probe] * seeds
-    for name in NAMED:
-        cases[f"unseen/{name}"] = partial(unseen, motions, name, ())
-        estimates[f"unseen/{name}"] = 2.0 * SECONDS[name.split("_")[0]]
-    mark = fingerprint() + _code()[:8]
-    found = run_cases(cases, store=store, mark=mark, estimates=estimates, only=only)
+    cases, expected = planned(Motions(store.parent / "motions"), seeds, specimens, only)
+    more, later = finite_elements(store.parent, seeds)
+    # the package's fingerprint leaves out what lies behind its links
+    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"), *ORACLES.glob("*.py"))
+    found = run_cases(
+        cases | more, store=store, mark=mark + code()[:8], estimates=later | expected, only=only
+    )
     return {"bench": "probes", "cases": found, "goals": GOALS}
-
-
-# --- as a table ---------------------------------------------------------------------------------
-def table(result: dict[str, Any]) -> str:
-    """The result as plain tables, one for each kind of case that was run."""
-    titles = {
-        "exact": "exact tracks: error [%]",
-        "twin": "exact tracks, with the twin: error [%]",
-        "unseen": "a motion that was not used: shape [mm rms], force [% of its peak, rms], peak force [%]",
-        "noise": "20 um and 1 % of the largest force: median, 90th percentile, worst size of the"
-        " error [%], coverage of the 90 % intervals",
-    }
-    blocks = []
-    for kind, title in titles.items():
-        own = {n.split("/")[1]: r for n, r in result["cases"].items() if n.split("/")[0] == kind}
-        if own:
-            lines = {"noise": _noisy_lines, "unseen": _unseen_lines}.get(kind, _exact_lines)
-            blocks.append("\n".join([title, *lines(own)]))
-    return "\n\n".join(blocks)
-
-
-def _exact_lines(own: dict[str, Any]) -> list[str]:
-    lines = []
-    for name, r in own.items():
-        cells = "  ".join(
-            f"{k} {e['error']:+.3f} ± {1.96 * e['std']:.3f}" for k, e in r["errors"].items()
-        )
-        lines.append(
-            f"{name:10}{r['rows']:>6}{r['condition']:>8.1f}{r['seconds']:>7.1f} s  {cells}"
-        )
-    for group in ("press", "bend"):
-        drawn = [r["errors"] for n, r in own.items() if n.startswith(f"{group}-")]
-        for key in drawn[0] if drawn else ():
-            sizes = [abs(e[key]["error"]) for e in drawn]
-            lines.append(
-                f"{group} {key}, {len(sizes)} specimens: median {np.median(sizes):.2f}, worst"
-                f" {max(sizes):.2f}"
-            )
-    return lines
-
-
-def _noisy_lines(own: dict[str, Any]) -> list[str]:
-    return [
-        f"{name:10}{key:>7}{r['median'][key]:>8.2f}{r['p90'][key]:>8.2f}{r['worst'][key]:>8.2f}"
-        f"{r['coverage_90'][key]:>7.0%}{r['refused']:>4} refused of {r['seeds']}"
-        for name, r in own.items()
-        for key in r["median"]
-    ]
-
-
-def _unseen_lines(own: dict[str, Any]) -> list[str]:
-    return [
-        f"{name:10}{r['shape_rms_mm']:>8.3f}{r['force_rms']:>8.2f}{r['peak_error']:>+8.2f}"
-        for name, r in own.items()
-    ]

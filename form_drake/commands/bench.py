@@ -206,12 +206,13 @@ class WeakForm:
 
 @dataclass(frozen=True)
 class Probes:
-    """Probes in the station: four scenarios and ten specimens, identified against the truth."""
+    """Probes in the station against the truth, on three grids too, and those of finite elements."""
 
     out: Path | None = None
     """JSON file to write; default: runs/bench-probes/probes.json. Simulated motions stay beside it."""
     only: tuple[str, ...] = ()
-    """Run only cases whose names (such as exact/press_a or noise/bend-3) contain one of these."""
+    """Run only cases whose names (such as exact/press_a, noise/bend-3, own-stress/press-3, dx/bend_a
+    or fe/press-b) contain one of these."""
     seeds: int = probes.SEEDS
     """Noise seeds."""
     json: bool = False

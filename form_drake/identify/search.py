@@ -1,7 +1,7 @@
 """Variable projection: a search over nonlinear constants around the linear weak solve."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, Literal
@@ -14,10 +14,10 @@ from form_drake.motion import Motion
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Solution, Weights, bounded
 from form_drake.weak.stress import strain_over_radius
-from form_drake.weak.system import WeakSystem, stacked
+from form_drake.weak.system import Row, WeakSystem, stacked
 from form_drake.weak.unknowns import Unknowns
 
-Level = Literal["row", "probe"]
+Level = Literal["borne", "row", "probe"]
 Rows = tuple[np.ndarray, np.ndarray]  # A, b
 Drawn = tuple[np.ndarray, dict[str, np.ndarray]]  # noise of coefficients [m] and of forces [N]
 
@@ -36,15 +36,16 @@ class Problem:
         unknowns: of the law.
         ranges: first and last value of the search for each nonlinear constant; the yield
             constant is searched as the bound r on the elastic strain.
-        level: the model error of a row is a share of its own size (``row``), or of the largest
-            size among the rows of its probe (``probe``).
+        level: the model error of a row is a share of the largest size that its test field has seen
+            so far (``borne``: errors of what a body has undergone stay when it is unloaded), of its
+            own size (``row``), or of the largest among the rows of its probe (``probe``).
         offset: added to A, shape [rows, terms], see ``form_drake.identify.twin``; None: nothing.
     """
 
     probes: tuple[Probe, ...]
     unknowns: Unknowns
     ranges: tuple[tuple[float, float], ...]
-    level: Level = "row"
+    level: Level = "borne"
     offset: np.ndarray | None = None
 
     @classmethod
@@ -59,6 +60,11 @@ class Problem:
                 guess = law.parameter(key).guess
                 ranges.append((min(guess) / SHAPE_SPAN, max(guess) * SHAPE_SPAN))
         return cls(tuple(probes), unknowns, tuple(ranges), level)
+
+    @cached_property
+    def coarser(self) -> "Problem":
+        """The same problem with integrals over fewer points."""
+        return replace(self, probes=tuple(p.coarser for p in self.probes))
 
     def coordinates(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """The logarithms of the nonlinear constants, and theta, at given values of all parameters."""
@@ -103,6 +109,8 @@ class Problem:
             scale = np.abs(own[2] * theta).sum(axis=1)
             if self.level == "probe":
                 scale = np.full(len(scale), scale.max())
+            elif self.level == "borne":
+                scale = _borne(scale, probe.labels)
             systems.append(WeakSystem(own[0], own[1], scale, own[2], probe.labels))
         return stacked(systems)
 
@@ -233,6 +241,16 @@ def _line(left: Callable[[np.ndarray], float], span: np.ndarray, start: np.ndarr
         last, best = best, finite("search", found.x)
         if abs(best - last) < 0.9 * reach or min(best - span[0], span[1] - best) < 0.1 * reach:
             return best
+
+
+def _borne(scale: np.ndarray, labels: Sequence[Row]) -> np.ndarray:
+    """The largest size that each row's test field has seen up to the end of its window."""
+    found = scale.copy()
+    for field in {row.field for row in labels}:
+        own = np.array([n for n, row in enumerate(labels) if row.field == field])
+        order = own[np.argsort([labels[n].window[1] for n in own], kind="stable")]
+        found[order] = np.maximum.accumulate(scale[order])
+    return found
 
 
 def _largest_strain(probe: Probe, unknowns: Unknowns) -> float:

@@ -28,7 +28,8 @@ from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved,
 from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Pressure, Unknowns
 
-PASSES = 3  # of the weights after the first search
+PASSES = 3  # of the weights after the first search, fewer where they no longer change
+SETTLED = 0.02  # share of the model error by which it may still change
 
 Estimator = Literal["gls", "ols"]
 
@@ -57,7 +58,7 @@ class WeakOptions:
     estimator: Estimator = "gls"
     draws: int = 4
     seed: int = 0
-    level: Level = "row"
+    level: Level = "borne"
 
 
 @dataclass(frozen=True)
@@ -258,7 +259,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     keys, point, spread = parameters(problem, phi, eta)
     bias = np.zeros(len(phi) + len(eta))
     if options.draws and options.estimator == "gls":
-        bias = noise_bias(problem, eta, J, by, options.draws, options.seed)
+        bias = noise_bias(problem.coarser, eta, J, by, options.draws, options.seed)
     value = parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
     covariance = spread @ free.covariance @ spread.T
     given = {k: v for k, v in problem.unknowns.known.items() if k in problem.unknowns.law.keys}
@@ -292,21 +293,25 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
 
 def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.ndarray]]:
     """Search and solution, first with rows weighted by size, then by their covariance."""
+    coarse = problem.coarser
     middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
-    rough = problem.system(middle)
+    rough = coarse.system(middle)
     sizes = rough.sizes[:, problem.unknowns.columns]
     size = np.mean(sizes / np.sqrt(np.mean(sizes**2, axis=0)), axis=1)
     none = [np.zeros((k, k)) for k in (int(p.keep.sum()) for p in problem.probes)]
     by = weights(none, size / size.max(), 1.0)
-    eta = problem.searched(by)
-    solution = problem.solved(problem.system(eta), by)
+    eta = coarse.searched(by)
+    solution = coarse.solved(coarse.system(eta), by)
     noise = none
     for n in range(PASSES):
         theta = problem.unknowns.theta(solution.theta)
-        noise = problem.noise(eta, theta)
+        noise = coarse.noise(eta, theta)
         system = problem.system(eta, theta)
-        by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
-        if n < PASSES - 1:
+        last, by = by, balanced(noise, system.scale, *problem.reduced(system.A, system.b))
+        settled = abs(by.error - last.error) <= SETTLED * by.error
+        if n < PASSES - 1 and not settled:
             eta = problem.searched(by, eta)
         solution = problem.solved(problem.system(eta), by)
+        if settled:
+            break
     return eta, solution, by, noise

@@ -12,8 +12,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_triangular
 
 from form_drake.motion.body import Body
-from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, normal, press
-from form_drake.motion.splines import Splines, Tensor
+from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press, white_noise
+from form_drake.motion.space import RIDGE, Space, paired
+from form_drake.motion.splines import Splines
 from form_drake.records import Recording
 
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
@@ -22,15 +23,18 @@ FLAT = 1e-9  # of the largest roughness, below which a function has none
 FACTORS = 200  # of smoothing that are compared
 # times the likely variance that a mode is granted: what smoothing costs must stay below the noise
 UNDER = 10.0
+# Motion is followed down to this share of what its spatial basis leaves of it, were the noise less.
+FOLLOWED = 0.1
 
 
 @dataclass(frozen=True)
 class Spread:
-    """An independent part of the error of a fit, space_root diag(scale) z time_root^T with z white.
+    """An independent part of the error of a fit, diag(scale) z time_root^T with z white, in the
+    functions of ``Fit.roots``.
 
     Attributes:
         scale: shape [space.size].
-        time_root: shape [time.size, moments].
+        time_root: [m], shape [time.size, moments].
     """
 
     scale: np.ndarray
@@ -42,38 +46,41 @@ class Fit:
     """Displacements u(X, t) = sum c_ab phi_a(X) B_b(t) of a body.
 
     Attributes:
-        space: basis over the reference box.
+        space: fields over the reference box.
         time: basis over the recorded time.
-        c: coefficients [m], shape [space.size, 3, time.size].
+        c: coefficients of the splines [m], shape [space.scalar.size, 3, time.size].
         noise: standard deviation of one measured coordinate [m], stated or estimated.
         misfit: root mean square residual of the tracks, per degree of freedom left [m].
         held_out: root mean square error at held-out tracks [m].
-        space_root: R with R R^T the covariance of c along space per unit noise, were none of it
-            smoothed.
-        spread: parts of the covariance of c per unit noise, see there.
+        roots: R of every block of the space, with R R^T the covariance of the coefficients of its
+            functions per unit noise, were none of it smoothed.
+        spread: parts of the covariance, see there.
     """
 
-    space: Tensor
+    space: Space
     time: Splines
     c: np.ndarray
     noise: float
     misfit: float
     held_out: float
-    space_root: np.ndarray
+    roots: tuple[np.ndarray, ...]
     spread: tuple[Spread, ...]
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Noise of the coefficients [m], shape of c."""
-        white = np.zeros(self.c.shape)
+        white = np.zeros((self.space.size, self.time.size))
         for part in self.spread:
-            z = rng.standard_normal((*self.c.shape[:2], part.time_root.shape[1]))
-            white += part.scale[:, None, None] * (z @ part.time_root.T)
-        return np.asarray(self.noise * np.tensordot(self.space_root, white, axes=1))
+            z = rng.standard_normal((self.space.size, part.time_root.shape[1]))
+            white += part.scale[:, None] * (z @ part.time_root.T)
+        return self.space.tied(_by_root(self.space, self.roots, white))
 
     def describe(self) -> dict[str, object]:
         """Facts for a report."""
         return {
-            "space_basis": [f"{len(s.breaks) - 1} x degree {s.degree}" for s in self.space.axes],
+            "space_basis": [
+                f"{len(s.breaks) - 1} x degree {s.degree}" for s in self.space.scalar.axes
+            ],
+            "symmetry": self.space.symmetry.describe(),
             "time_spans": len(self.time.breaks) - 1,
             "shortest_time_span": float(np.diff(self.time.breaks).min()),
             "noise": self.noise,
@@ -95,31 +102,41 @@ def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit
     """
     X, u, valid, time = _tracks(recording, body)
     stated = recording.noise
-    jitter = _jitter(recording.time, u, valid)
-    space = chosen_space(X, u, valid, body, stated or jitter) if like is None else like.space
+    noise = _noise(recording.time, u, valid) if stated is None else stated
+    space = chosen_space(X, u, valid, body, noise) if like is None else like.space
     u = filled(space, X, u, valid)
-    c, root, roughness = _projected(space, X, u, valid)
-    rest = u - space.matrix(X) @ c
-    freedom = 1.0 - space.size / valid.any(axis=0).sum()
-    spread = float(np.sqrt(np.mean(rest[valid] ** 2) / max(freedom, 1e-3)))
-    white = np.linalg.solve(root, c).reshape(len(time), -1)
-    if like is None:
-        splines = chosen_time(time, white, stated or min(spread, jitter))
-    else:
-        splines = like.time
+    white, roots, roughness = _projected(space, X, u, valid)
+    Phi = space.scalar.matrix(X)
+
+    def left(white: np.ndarray) -> np.ndarray:
+        c = space.tied(_by_root(space, roots, white.T))
+        return u - np.einsum("pa,ait->tpi", Phi, c, optimize=True)
+
+    freedom = max(1.0 - space.size / (3.0 * valid.any(axis=0).sum()), 1e-3)
+    rest = left(white)
+    spread = float(np.sqrt(np.mean(rest[valid] ** 2) / freedom))
+    if stated is None:
+        # what neither the fields follow nor time smooths: noise, or waves as short as the points
+        noise = min(spread, _jitter(recording.time, rest, valid) / np.sqrt(freedom))
+    follow = max(noise, FOLLOWED * spread)
+    splines = chosen_time(time, white, follow) if like is None else like.time
     Q, R = np.linalg.qr(splines.matrix(time))
-    z, time_root = Q.T @ white, np.linalg.inv(R)
-    left = u - space.matrix(X) @ (root @ (Q @ z).reshape(c.shape))
-    count = valid.sum() * (1.0 - space.size * splines.size / (len(X) * len(time)))
-    misfit = float(np.sqrt(np.sum(left[valid] ** 2) / 3.0 / max(count, 1.0)))
-    held = press(space, X, u, valid)
-    noise = min(misfit, jitter) if stated is None else stated
-    z, shares, series = _smoothed(z, roughness, noise)
-    c_ab = np.einsum("ab,tbi,st->ais", root, z, time_root, optimize=True)
-    parts = [Spread(np.sqrt(shares[0]), time_root)]
+    z, back = Q.T @ white, np.linalg.inv(R)
+    count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
+    misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
+    z, shares, series = _smoothed(z, roughness, follow)
+    parts = [Spread(np.sqrt(shares[0]), noise * back)]
     for share, one in zip(shares[1:], series.T, strict=True):
-        parts.append(Spread(np.sqrt(share - shares[0]), time_root @ one[:, None]))
-    return Fit(space, splines, c_ab, noise, misfit, held, root, tuple(parts))
+        parts.append(Spread(np.sqrt(share - shares[0]), noise * back @ one[:, None]))
+    c = space.tied(_by_root(space, roots, z.T @ back.T))
+    held = press(space, X, u, valid)
+    return Fit(space, splines, c, noise, misfit, held, roots, tuple(parts))
+
+
+def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:
+    """Coefficients of all functions [m] from whitened ones, shape [space.size, n]."""
+    ends = np.cumsum([len(R) for R in roots])[:-1]
+    return np.concatenate([R @ w for R, w in zip(roots, np.split(white, ends), strict=True)])
 
 
 def _smoothed(
@@ -127,23 +144,27 @@ def _smoothed(
 ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Coefficients of white noise, smoothed in space: each mode by itself, and the rest together.
 
+    Args:
+        z: shape [moments, functions].
+        roughness: shape [functions].
+        noise: standard deviation of a coefficient [m].
+
     Returns:
-        Coefficients, shape [moments, space, 3]; the share that is kept of each function in the rest
-        and in every mode, which is its variance too, shape [space] each; the modes' series, shape
-        [moments, modes].
+        Coefficients, shape of z; the share that is kept of each function in the rest and in every
+        mode, which is its variance too, shape [functions] each; the modes' series, shape [moments,
+        modes].
     """
-    shape = (len(z), len(roughness), 3)
     U, S, Vt = modes(z, noise)
-    weak = (z - (U * S) @ Vt).reshape(shape)
-    count = 3 * (len(z) - len(S))
+    weak = z - (U * S) @ Vt
+    count = len(z) - len(S)
     rest = np.ones(len(roughness))
     if count > 0:
-        rest = _share(np.sum(weak**2, axis=(0, 2)) / count, roughness, noise)
-    found, shares = rest[:, None] * weak, [rest]
-    for series, mode in zip(U.T, (S[:, None] * Vt).reshape(-1, *shape[1:]), strict=True):
-        own = _share(np.mean(mode**2, axis=1), roughness, noise)
+        rest = _share(np.sum(weak**2, axis=0) / count, roughness, noise)
+    found, shares = rest * weak, [rest]
+    for series, mode in zip(U.T, S[:, None] * Vt, strict=True):
+        own = _share(mode**2, roughness, noise)
         own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
-        found += series[:, None, None] * (own[:, None] * mode)
+        found += np.outer(series, own * mode)
         shares.append(own)
     return found, shares, U
 
@@ -154,8 +175,8 @@ def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray
     The factor is the most likely one (evidence); functions without roughness are kept.
 
     Args:
-        power: mean square of the coefficients [m^2], noise included, shape [space].
-        roughness: shape [space].
+        power: mean square of the coefficients [m^2], noise included, shape [functions].
+        roughness: shape [functions].
         noise: standard deviation of a coefficient [m].
     """
     found = np.ones(len(roughness))
@@ -212,21 +233,25 @@ def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
 
 
 def _projected(
-    space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients of every frame [frames, size, 3], the root of their covariance, and its roughness.
+    space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
+    """Whitened coefficients [frames, size], their roots, see ``Fit``, and their roughness [size].
 
-    A point seen in part of the frames weighs in the covariance by that share. The root's columns
-    share no roughness; each has its own, shape [size].
+    A point seen in part of the frames weighs in the covariance by that share. The columns of a root
+    share no roughness.
     """
-    T, P = valid.shape
-    Phi = space.matrix(X)
-    flat = np.linalg.solve(normal(Phi, space), Phi.T @ u.transpose(1, 0, 2).reshape(P, -1))
-    factor = np.linalg.cholesky(normal(Phi, space, np.sqrt(valid.mean(axis=0))))
-    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
-    roughness, turn = np.linalg.eigh(inverse @ space.roughness() @ inverse.T)
-    root = inverse.T @ turn
-    return flat.reshape(-1, T, 3).transpose(1, 0, 2), root, np.maximum(roughness, 0.0)
+    Phi, seen = space.scalar.matrix(X), np.sqrt(valid.mean(axis=0))
+    white, roots, roughness = [], [], []
+    for block in space.blocks:
+        D = block.matrix(Phi)
+        y = np.linalg.solve(space.normal(D, block), paired(D, u[:, :, block.axes]))
+        factor = np.linalg.cholesky(space.normal(D * seen[:, None, None], block))
+        inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
+        own, turn = np.linalg.eigh(inverse @ space.roughness(block) @ inverse.T)
+        white.append(turn.T @ (factor.T @ y))
+        roots.append(inverse.T @ turn)
+        roughness.append(np.maximum(own, 0.0))
+    return np.concatenate(white).T, tuple(roots), np.concatenate(roughness)
 
 
 def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -238,6 +263,13 @@ def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         for i in range(4)
     ]
     return np.stack(weights, axis=1), middle
+
+
+def _noise(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
+    """Noise of one coordinate [m]: what is neither a mode of the motion nor smooth in time."""
+    found = _jitter(time, u, valid)
+    whole = valid.all(axis=0)
+    return min(found, white_noise(u[:, whole])) if whole.any() else found
 
 
 def _jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
@@ -270,9 +302,11 @@ def supplied(
     if value is None:
         return None
     valid = np.isfinite(value).reshape(*value.shape[:2], -1).all(axis=(0, 2))
-    Phi = fit.space.matrix(recording.reference[valid])
+    scalar = fit.space.scalar
+    Phi = scalar.matrix(recording.reference[valid])
     flat = value[:, valid].swapaxes(0, 1).reshape(len(Phi), -1)
-    c = fit.space.matrix(X) @ np.linalg.solve(normal(Phi, fit.space), Phi.T @ flat)
+    normal = Phi.T @ Phi + RIDGE * len(Phi) * scalar.roughness()
+    c = scalar.matrix(X) @ np.linalg.solve(normal, Phi.T @ flat)
     series = c.reshape(len(X), len(value), -1).swapaxes(0, 1)
     found = make_interp_spline(recording.time - recording.time[0], series, k=3)(time)
     return np.asarray(found).reshape(len(time), len(X), *value.shape[2:])

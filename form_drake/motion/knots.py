@@ -8,13 +8,13 @@ points, tell of it. Bases are chosen by the modes: frame by frame the noise woul
 cannot follow, while the balance, which gathers frames too, would see it as a bias.
 """
 
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from form_drake.motion.body import Body
+from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 
 # (spans, degree) along one axis in the order in which they are tried
@@ -24,48 +24,46 @@ LADDER = (
 )
 CLIMBS = (*np.eye(3, dtype=int), *(2 * np.eye(3, dtype=int)), np.ones(3, dtype=int))
 TIME_DEGREE = 4
+WORST = 100.0  # condition of a basis in time
 # A basis is enlarged while the error at left-out tracks stays below this share of the least: the
 # balance knows what noise does to it, but not what a basis cannot follow.
 SLACK = 1.1
-RIDGE = 1e-8  # weight of the roughness against the mean square misfit
 KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
-LARGEST = 0.6  # functions for each track
+LARGEST = 0.6  # functions for each track and component
+FINEST = 1.5  # splines for each track, of which symmetry makes functions
+FAINT = 1e-4  # of the first mode, below which one says nothing of a spatial basis
 LOOKS = 24  # frames by which spatial bases are compared
 PASSES = 30  # of filling points that are missing from some frames
 
 
-def normal(Phi: np.ndarray, space: Tensor, weight: np.ndarray | None = None) -> np.ndarray:
-    """Normal matrix of a spatial fit with the roughness that settles what no track tells."""
-    own = Phi if weight is None else weight[:, None] * Phi
-    found: np.ndarray = own.T @ own + RIDGE * len(Phi) * space.roughness()
-    return found
-
-
-def filled(space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def filled(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Displacements with the missing ones replaced by the fit's own, until they agree."""
     if valid.all():
         return u
-    u, Phi = u.copy(), space.matrix(X)
-    hat = np.linalg.solve(normal(Phi, space), Phi.T)
+    u, Phi = u.copy(), space.scalar.matrix(X)
     for _ in range(PASSES):
-        c = hat @ u.transpose(1, 0, 2).reshape(len(X), -1)
-        u[~valid] = (Phi @ c).reshape(len(X), -1, 3).transpose(1, 0, 2)[~valid]
+        again = np.einsum("pa,ait->tpi", Phi, space.fitted(X, u), optimize=True)
+        u[~valid] = again[~valid]
     return u
 
 
-def press(space: Tensor, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
+def press(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
     """Trimmed root mean square error [m] at left-out tracks; infinite for a dependent basis."""
-    Phi = space.matrix(X)
-    try:
-        root = np.linalg.cholesky(normal(Phi, space))
-    except np.linalg.LinAlgError:
-        return float("inf")
-    Q = solve_triangular(root, Phi.T, lower=True).T
-    leverage = np.minimum(np.sum(Q**2, axis=1), 1.0 - 1e-9)
-    flat = u.transpose(1, 0, 2).reshape(len(Phi), -1)
-    error = ((flat - Q @ (Q.T @ flat)) / (1.0 - leverage)[:, None]).reshape(len(Phi), -1, 3)
-    seen = valid.T[:, :, None]
-    square = np.sum(error**2 * seen, axis=(1, 2)) / np.maximum(3.0 * seen.sum(axis=(1, 2)), 1.0)
+    Phi, square = space.scalar.matrix(X), np.zeros(len(X))
+    for block in space.blocks:
+        D = block.matrix(Phi)
+        try:
+            root = np.linalg.cholesky(space.normal(D, block))
+        except np.linalg.LinAlgError:
+            return float("inf")
+        Q = solve_triangular(root, D.reshape(-1, block.size).T, lower=True).T
+        own = u[:, :, block.axes].transpose(1, 2, 0)
+        flat = own.reshape(len(Q), -1)
+        rest = (flat - Q @ (Q.T @ flat)).reshape(own.shape)
+        R = Q.reshape(D.shape)
+        left = (1.0 + 1e-9) * np.eye(len(block.axes)) - R @ R.swapaxes(1, 2)
+        square += np.sum((np.linalg.solve(left, rest) * valid.T[:, None]) ** 2, axis=(1, 2))
+    square /= np.maximum(3.0 * valid.sum(axis=0), 1.0)
     return float(np.sqrt(np.mean(np.sort(square)[: int(KEPT * len(square))])))
 
 
@@ -79,8 +77,38 @@ def modes(y: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
         noise: standard deviation of an entry.
     """
     U, S, Vt = np.linalg.svd(y, full_matrices=False)
-    count = max(1, int(np.sum(S > noise * (np.sqrt(y.shape[0]) + np.sqrt(y.shape[1])))))
+    count = max(1, int(np.sum(S > noise * _edge(*y.shape))))
     return U[:, :count], S[:count], Vt[:count]
+
+
+def _edge(rows: int, columns: int) -> float:
+    return float(np.sqrt(rows) + np.sqrt(columns))
+
+
+def white_noise(u: np.ndarray) -> float:
+    """White noise of one coordinate [m]: the middle singular value of the tracks beside the modes.
+
+    Motion fills a few singular values, noise all of them, and its middle one is known (Gavish and
+    Donoho, "The optimal hard threshold for singular values is 4/sqrt(3)", 2014).
+
+    Args:
+        u: displacements [m], shape [frames, points, 3].
+    """
+    rows, columns = u.reshape(len(u), -1).shape
+    S = np.linalg.svd(u.reshape(rows, columns), compute_uv=False)
+    found = float(np.median(S)) / _middle(rows, columns)
+    rest = S[S <= found * _edge(rows, columns)]
+    filled = len(S) - len(rest)
+    return float(np.median(rest)) / _middle(rows - filled, columns - filled)
+
+
+def _middle(rows: int, columns: int) -> float:
+    """Median singular value of a matrix of unit white noise (Marchenko, Pastur)."""
+    share = min(rows, columns) / max(rows, columns)
+    x = np.linspace((1.0 - np.sqrt(share)) ** 2, (1.0 + np.sqrt(share)) ** 2, 2001)
+    x = 0.5 * (x[1:] + x[:-1])
+    below = np.cumsum(np.sqrt((x[-1] - x) * (x - x[0])) / x)
+    return float(np.sqrt(np.interp(0.5 * below[-1], below, x) * max(rows, columns)))
 
 
 def _looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -89,53 +117,87 @@ def _looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarr
         every = max(1, len(u) // LOOKS)
         return u[::every], valid[::every]
     _, S, Vt = modes(u.reshape(len(u), -1), noise)
+    S, Vt = S[S > FAINT * S[0]], Vt[S > FAINT * S[0]]
     return (S[:, None] * Vt).reshape(-1, *u.shape[1:]), np.ones((len(S), u.shape[1]), dtype=bool)
 
 
 def chosen_space(
     X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body, noise: float
-) -> Tensor:
-    """Climbs the ladder where the held-out error is least, while it stays near the least found.
+) -> Space:
+    """The basis and the symmetries that the left-out tracks support.
 
     ``noise`` is the standard deviation of a coordinate [m].
     """
     u, valid = _looked_at(u, valid, noise)
-
-    held = [
-        (body.faces[2 * n].condition == "bonded", body.faces[2 * n + 1].condition == "bonded")
-        for n in range(3)
-    ]
-
-    @cache
-    def splines(n: int, rung: int) -> Splines:
-        return Splines.graded(body.low[n], body.high[n], *LADDER[rung], held[n])
-
-    def tensor(rungs: tuple[int, ...]) -> Tensor:
-        a, b, c = (splines(n, r) for n, r in enumerate(rungs))
-        return Tensor((a, b, c))
-
-    @cache
-    def error(rungs: tuple[int, ...]) -> float:
-        basis = tensor(rungs)
-        if basis.size > LARGEST * len(X):
-            return np.inf
-        return press(basis, X, filled(basis, X, u, valid), valid)
-
-    best = np.zeros(3, dtype=int)
-    lowest = error((0, 0, 0))
-    if not np.isfinite(lowest):
-        raise ValueError(f"{len(X)} points do not determine even a linear motion; track more")
     floor = 1e-9 * float(np.sqrt(np.mean(u[valid] ** 2)))
-    while lowest > floor:
-        nexts = [tuple((best + climb).tolist()) for climb in CLIMBS]
-        tried = {r: error(r) for r in nexts if max(r) < len(LADDER)}
-        if not tried:
-            break
-        candidate = min(tried, key=lambda r: tried[r])
-        if not tried[candidate] < SLACK * lowest:
-            break
-        best, lowest = np.array(candidate), min(lowest, tried[candidate])
-    return tensor(tuple(best))
+    bases = _Bases(X, u, valid, body)
+    if not np.isfinite(bases.error((0, 0, 0), Symmetry())):
+        raise ValueError(f"{len(X)} points do not determine even a linear motion; track more")
+    rungs, lowest = bases.climbed(Symmetry(), floor)
+
+    def near(rungs: tuple[int, ...], symmetry: Symmetry, least: float) -> bool:
+        found = bases.error(rungs, symmetry)
+        return found <= floor or found < SLACK * least
+
+    symmetry, tried = Symmetry(), [Symmetry()]
+    while tried:
+        tried = [
+            wider
+            for wider in Symmetry.wider(body, symmetry)
+            if near(wider.evened(rungs), wider, bases.error(wider.evened(rungs), symmetry))
+        ]
+        symmetry = tried[0] if tried else symmetry
+    own = bases.climbed(symmetry, floor)[0] if symmetry else rungs
+    if near(own, symmetry, lowest):
+        return bases.space(own, symmetry)
+    return bases.space(rungs, Symmetry())
+
+
+class _Bases:
+    """Errors at left-out tracks of the bases on a ladder."""
+
+    def __init__(self, X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body):
+        self._tracks = X, u, valid
+        self._body = body
+        held = [f.condition == "bonded" for f in body.faces]
+        self._held = [(held[2 * n], held[2 * n + 1]) for n in range(3)]
+        self._known: dict[tuple[tuple[int, ...], Symmetry], float] = {}
+
+    def space(self, rungs: tuple[int, ...], symmetry: Symmetry) -> Space:
+        """The basis at a step of the ladder along every axis."""
+        a, b, c = (
+            Splines.graded(self._body.low[n], self._body.high[n], *LADDER[r], self._held[n])
+            for n, r in enumerate(rungs)
+        )
+        return Space(Tensor((a, b, c)), symmetry)
+
+    def error(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
+        """Error at left-out tracks [m]; infinite for more functions than the tracks could tell."""
+        key = (rungs, symmetry)
+        if key not in self._known:
+            X, u, valid = self._tracks
+            space = self.space(rungs, symmetry)
+            few = space.size <= 3.0 * LARGEST * len(X)
+            small = few and space.scalar.size <= FINEST * len(X)
+            self._known[key] = (
+                press(space, X, filled(space, X, u, valid), valid) if small else np.inf
+            )
+        return self._known[key]
+
+    def climbed(self, symmetry: Symmetry, floor: float) -> tuple[tuple[int, ...], float]:
+        """Climbs where the error is least, while it stays near the least found."""
+        best: tuple[int, ...] = (0, 0, 0)
+        lowest = self.error(best, symmetry)
+        while lowest > floor:
+            nexts = {symmetry.evened(tuple((np.array(best) + c).tolist())) for c in CLIMBS}
+            tried = {r: self.error(r, symmetry) for r in nexts if max(r) < len(LADDER)}
+            if not tried:
+                break
+            candidate = min(sorted(tried), key=lambda r: tried[r])
+            if not tried[candidate] < SLACK * lowest:
+                break
+            best, lowest = candidate, min(lowest, tried[candidate])
+        return best, lowest
 
 
 def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
@@ -151,8 +213,7 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
     breaks = np.linspace(time[0], time[-1], 5)
     while True:
         splines = Splines(breaks, TIME_DEGREE)
-        B = splines.matrix(time)
-        Q = np.linalg.qr(B)[0]
+        Q = np.linalg.qr(splines.matrix(time))[0]
         leverage = np.sum(Q**2, axis=1)
         energy = np.sum((y - Q @ (Q.T @ y)) ** 2, axis=1)
         new = list(breaks)
@@ -162,12 +223,16 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
             spread = noise**2 * np.sqrt(2.0 * np.sum(1.0 - leverage[inside]) * y.shape[1])
             middle = 0.5 * (a + b)
             halves = np.sum(inside & (time < middle)), np.sum(inside & (time > middle))
-            if (
-                min(halves) >= 2
-                and len(new) + TIME_DEGREE < len(time)
-                and np.sum(energy[inside]) > expected + 3.0 * spread
-            ):
+            if min(halves) >= 1 and np.sum(energy[inside]) > expected + 3.0 * spread:
                 new.append(middle)
-        if len(new) == len(breaks):
+        finer = np.sort(np.array(new))
+        if len(finer) == len(breaks) or not _told(finer, time):
             return splines
-        breaks = np.sort(np.array(new))
+        breaks = finer
+
+
+def _told(breaks: np.ndarray, time: np.ndarray) -> bool:
+    """Whether samples at ``time`` [s] tell all splines well apart."""
+    if len(breaks) + TIME_DEGREE > len(time):
+        return False
+    return bool(np.linalg.cond(Splines(breaks, TIME_DEGREE).matrix(time)) < WORST)

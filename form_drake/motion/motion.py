@@ -126,7 +126,8 @@ class Sampling:
     ) -> "Sampling":
         """The bases of ``fit`` at points X and times (counted from its first frame)."""
         series, rate = fit.time.matrix(time), fit.time.matrix(time, 1)
-        value, gradient = fit.space.matrix(X), fit.space.gradient(X)
+        scalar = fit.space.scalar
+        value, gradient = scalar.matrix(X), scalar.gradient(X)
         return cls(time, X, volume, density, value, gradient, series, rate)
 
     def motion(self, c: np.ndarray) -> Motion:

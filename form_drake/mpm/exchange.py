@@ -144,6 +144,9 @@ def region_around(
 ) -> np.ndarray:
     """Corners [m] of a region with room around a box, shape [2, 3].
 
+    The grid lies evenly about the middle of the box, its nodes as near to the faces as that allows:
+    a box among symmetric tools then deforms symmetrically.
+
     Args:
         body: lower and upper corner of the box [m], shape [2, 3].
         room: left on either side along each axis [m], shape [3].
@@ -152,6 +155,8 @@ def region_around(
             clamp should.
     """
     low, high = body[0] - room, body[1] + room
+    odd = np.rint((body[1] - body[0]) / dx) % 2.0
+    low -= ((0.5 * odd - (0.5 * (body[0] + body[1]) - low) / dx) % 1.0) * dx
     for axis, place in halfway.items():
         low[axis] -= ((0.5 - (place - low[axis]) / dx) % 1.0) * dx
     return np.stack([low, high])

@@ -54,6 +54,10 @@ class BendFields:
         return (self.tool,)
 
     @property
+    def mirrors(self) -> tuple[int, ...]:
+        return (3 - self.axis - self.push,)
+
+    @property
     def normal(self) -> np.ndarray:
         """Axis of the rotations."""
         return np.cross(np.eye(3)[self.axis], np.eye(3)[self.push])

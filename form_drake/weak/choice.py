@@ -153,6 +153,10 @@ def axial(recording: Recording, shape: Body, fit: Fit) -> list[Fields]:
         if not laterals or opposite.condition in ("free", "touched"):
             continue
         shares = [np.eye(3)[a] for a in laterals]
+        if set(laterals) == set(
+            fit.space.symmetry.exchange
+        ):  # else every row would stand there twice
+            shares = [np.mean(shares, axis=0)]
         time, low = _mean_face(recording, shape, fit, opposite)
         _, high = _mean_face(recording, shape, fit, face)
         found.append(

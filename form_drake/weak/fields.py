@@ -40,6 +40,8 @@ class Fields(Protocol):
         material: gradients are those along X (see ``Sampled``).
         fixed: material fields that no motion changes.
         tools: those whose force the fields see.
+        mirrors: axes along which they may be mirrored about the middle of the body and stay as
+            they are.
     """
 
     @property
@@ -58,6 +60,9 @@ class Fields(Protocol):
 
     @property
     def tools(self) -> tuple[str, ...]: ...
+
+    @property
+    def mirrors(self) -> tuple[int, ...]: ...
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         """Value of every field where each tool acts, shape [times, fields, 3]."""
@@ -90,6 +95,7 @@ class BoxFields:
     ends: dict[str, np.ndarray] = field(repr=False)
     material: bool = True
     fixed: bool = True
+    mirrors: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -254,6 +260,10 @@ class AxialFields:
     @property
     def tools(self) -> tuple[str, ...]:
         return (self.tool,)
+
+    @property
+    def mirrors(self) -> tuple[int, ...]:
+        return tuple(a for a in range(3) if a != self.axis)
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         end = np.zeros((len(motion.time), len(self.names), 3))

@@ -26,6 +26,7 @@ class GridFields:
     breaks: tuple[np.ndarray, ...]
     material: bool = False
     fixed: bool = False
+    mirrors: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -24,9 +24,9 @@ class Moments:
     """One part of the error of a fit along time, see ``form_drake.motion.fit.Spread``.
 
     Attributes:
-        scale: shape [3 space].
-        series: shape [times, moments].
-        rate: [1/s], shape [times, moments].
+        scale: shape [functions].
+        series: [m], shape [times, moments].
+        rate: [m/s], shape [times, moments].
     """
 
     scale: np.ndarray
@@ -36,41 +36,41 @@ class Moments:
 
 @dataclass(frozen=True)
 class Bases:
-    """Bases of a fit for coefficients of unit covariance.
+    """Functions of a fit whose coefficients have unit covariance, in the blocks of its space.
 
     Attributes:
-        value: shape [points, space].
-        gradient: [1/m], rows are points times directions, shape [3 points, space].
+        axes: components of each block.
+        value: shape [points, axes, functions], for each block.
+        gradient: [1/m], shape [points, axes, 3, functions], for each block.
         moments: parts of the error along time.
     """
 
-    value: np.ndarray
-    gradient: np.ndarray
+    axes: tuple[tuple[int, ...], ...]
+    value: tuple[np.ndarray, ...]
+    gradient: tuple[np.ndarray, ...]
     moments: tuple[Moments, ...]
 
     @classmethod
     def of(cls, fit: Fit, sampling: Sampling) -> "Bases":
         """Those of a fit at the points and times of a sampling."""
-        along = sampling.gradient.transpose(0, 2, 1).reshape(-1, len(fit.space_root))
-        return cls(
-            sampling.value @ fit.space_root,
-            along @ fit.space_root,
-            tuple(
-                Moments(
-                    np.tile(part.scale, 3),
-                    sampling.series @ part.time_root,
-                    sampling.rate @ part.time_root,
-                )
-                for part in fit.spread
-            ),
-        )
+        value, gradient = [], []
+        for block, root in zip(fit.space.blocks, fit.roots, strict=True):
+            value.append(block.matrix(sampling.value) @ root)
+            along = [block.matrix(sampling.gradient[:, :, d]) @ root for d in range(3)]
+            gradient.append(np.stack(along, axis=2))
+        moments = [
+            Moments(part.scale, sampling.series @ part.time_root, sampling.rate @ part.time_root)
+            for part in fit.spread
+        ]
+        axes = tuple(block.axes for block in fit.space.blocks)
+        return cls(axes, tuple(value), tuple(gradient), tuple(moments))
 
 
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the integrands of A theta - b at some time, for one family of fields.
 
-    They are by the whitened coefficients of the fit, shape [fields, 3 space].
+    They are by the whitened coefficients of the fit, shape [fields, functions].
 
     Attributes:
         now: by those of the motion.
@@ -149,19 +149,24 @@ def _by_gradient(gradient: np.ndarray, slope: np.ndarray, bases: Bases) -> np.nd
         slope: of the stress by F, shape [points, 9, 3, 3].
     """
     points, count = gradient.shape[:2]
-    found = np.zeros((3 * count, bases.gradient.shape[1]))
+    found = [np.zeros((count, own.shape[-1])) for own in bases.gradient]
     for first in range(0, points, TOGETHER):
         own = slice(first, first + TOGETHER)
         by = gradient[own] @ slope[own].reshape(-1, 9, 9)
-        rows = by.reshape(-1, count, 3, 3).transpose(1, 2, 0, 3).reshape(3 * count, -1)
-        found += rows @ bases.gradient[3 * own.start : 3 * own.stop]
-    return found.reshape(count, -1)
+        rows = by.reshape(-1, count, 3, 3).swapaxes(0, 1)
+        for n, (axes, along) in enumerate(zip(bases.axes, bases.gradient, strict=True)):
+            flat = along[own].reshape(-1, along.shape[-1])
+            found[n] += rows[:, :, axes].reshape(count, -1) @ flat
+    return np.concatenate(found, axis=1)
 
 
 def _by_value(slope: np.ndarray, bases: Bases) -> np.ndarray:
     """Chain rule through x or v; slope of shape [fields, points, 3]."""
-    found: np.ndarray = (slope.swapaxes(1, 2) @ bases.value).reshape(len(slope), -1)
-    return found
+    found = [
+        slope[:, :, axes].reshape(len(slope), -1) @ value.reshape(-1, value.shape[-1])
+        for axes, value in zip(bases.axes, bases.value, strict=True)
+    ]
+    return np.concatenate(found, axis=1)
 
 
 def _along_x(
@@ -184,7 +189,7 @@ def _along_x(
 def track_noise(
     bases: Bases, families: list[list[Slopes]], every: int, span: Windows
 ) -> np.ndarray:
-    """Covariance of all rows, windows outermost, per unit variance of the tracks.
+    """Covariance of all rows [(N m s)^2], windows outermost.
 
     Args:
         bases: of the fit, at the times of the windows.
@@ -232,7 +237,7 @@ def _window(
     chi_rate: np.ndarray,
     moments: Moments,
 ) -> tuple[np.ndarray, int]:
-    """Rows of a window by whitened noise, shape [fields, moments, 3 space], and the first moment.
+    """Rows of a window by whitened noise, shape [fields, moments, functions], and the first moment.
 
     ``parts`` are those of ``Slopes`` at every look, the last of which may be missing.
     """

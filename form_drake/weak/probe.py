@@ -26,7 +26,7 @@ LOOKS = 6  # times in a window at which the noise is linearised
 # share of a row's variance that its linearisation misses: without it, rows that few independent
 # noises drive would be combined into ones that claim to hold no noise at all
 INEXACT = 0.03
-GAUSS = 3  # points along each axis of a cell
+GAUSS, ROUGH = 3, 2  # points along each axis of a cell, of one or two cells
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Probe:
         body: the specimen.
         fit: of the tracks.
         sampling: where it is evaluated.
+        rough: fewer points, enough for a first search and for noise.
         fields: families of test fields.
         windows: in time.
         forces: measured, by tool.
@@ -50,6 +51,7 @@ class Probe:
     body: Body
     fit: Fit
     sampling: Sampling
+    rough: Sampling
     fields: tuple[Fields, ...]
     windows: Windows
     forces: dict[str, Force]
@@ -61,6 +63,11 @@ class Probe:
     def motion(self) -> Motion:
         """The motion of the fit."""
         return self.sampling.motion(self.fit.c)
+
+    @property
+    def coarser(self) -> "Probe":
+        """The same rows, evaluated at the fewer points."""
+        return replace(self, sampling=self.rough)
 
     def released_motion(
         self, law: Law, values: Values, motion: Motion, theta: np.ndarray
@@ -187,7 +194,7 @@ class Probe:
         rates = "rate" in law.needs
         bases = Bases.of(self.fit, self.sampling)
         families = [slopes(f, motion, at, stress, self.gravity, rates, bases) for f in self.fields]
-        total = self.fit.noise**2 * track_noise(bases, families, every, self.windows)
+        total = track_noise(bases, families, every, self.windows)
         total = (total + self._force_noise())[np.ix_(self.keep, self.keep)]
         found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
         return found
@@ -231,14 +238,22 @@ def prepared(
     frame, width = float(np.median(np.diff(recording.time))), float(np.diff(ends, axis=1).min())
     step = frame / np.ceil(SAMPLES * frame / width)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
-    X, volume = shape.gauss(_cells(fit, fields), GAUSS)
-    sampling = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
-    sampling = replace(
-        sampling,
-        hessian=None if all(f.fixed or not f.material for f in fields) else fit.space.hessian(X),
-        pressure=supplied(recording, recording.pressure, fit, time, X),
-        body_force=supplied(recording, recording.body_force, fit, time, X),
-    )
+    mirrors = _mirrors(recording, fit, fields)
+    cells = _cells(fit, fields, shape, mirrors)
+    spatial = not all(f.fixed or not f.material for f in fields)
+
+    def sampled(cells: list[np.ndarray], points: int) -> Sampling:
+        X, volume = shape.gauss(cells, points)
+        volume = 2.0 ** len(mirrors) * volume
+        found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
+        return replace(
+            found,
+            hessian=fit.space.scalar.hessian(X) if spatial else None,
+            pressure=supplied(recording, recording.pressure, fit, time, X),
+            body_force=supplied(recording, recording.body_force, fit, time, X),
+        )
+
+    rough = [np.linspace(c[0], c[-1], 1 + (len(c) + 1) // 2) for c in cells]
     gravity = (
         np.zeros(3)
         if recording.gravity is None
@@ -248,7 +263,8 @@ def prepared(
         name,
         shape,
         fit,
-        sampling,
+        sampled(cells, GAUSS),
+        sampled(rough, ROUGH),
         tuple(fields),
         windows(time, ends),
         measured(recording, 0.0, last),
@@ -263,11 +279,28 @@ def prepared(
     return probe
 
 
-def _cells(fit: Fit, fields: Sequence[Fields]) -> list[np.ndarray]:
+def _mirrors(recording: Recording, fit: Fit, fields: Sequence[Fields]) -> list[int]:
+    """Axes along which motion, fields and loads are mirrored, so that half of the body is enough."""
+    if recording.pressure is not None or recording.body_force is not None:
+        return []
+    gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity)
+    return [
+        a
+        for a in fit.space.symmetry.mirrors
+        if gravity[a] == 0.0 and all(a in family.mirrors for family in fields)
+    ]
+
+
+def _cells(
+    fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int]
+) -> list[np.ndarray]:
     """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
     found = []
-    for a, axis in enumerate(fit.space.axes):
+    for a, axis in enumerate(fit.space.scalar.axes):
         ends = [axis.breaks, *(f.breaks[a] for f in fields)]
+        if a in mirrors:
+            middle = 0.5 * (shape.low[a] + shape.high[a])
+            ends = [np.append(e[e < middle], middle) for e in ends]
         every = np.sort(np.concatenate(ends))
         apart = np.append(True, np.diff(every) > 1e-6 * (every[-1] - every[0]))
         found.append(every[apart])

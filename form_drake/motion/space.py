@@ -1,0 +1,182 @@
+"""Displacement fields of a box: products of splines, tied together by the symmetries of the body.
+
+A mirror along an axis, or the exchange of two axes, turns a field into another of the same basis
+whose coefficients are permuted and change sign. Fields that all of them leave as they are have
+fewer coefficients: one for each orbit of the permutations.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from form_drake.motion.body import Body
+from form_drake.motion.splines import Tensor
+
+RIDGE = 1e-8  # weight of the roughness against the mean square misfit
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """Operations about the centre of a box that leave a motion as it is.
+
+    Attributes:
+        mirrors: axes along which it is mirrored.
+        exchange: two axes that change places; empty: none.
+    """
+
+    mirrors: tuple[int, ...] = ()
+    exchange: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.mirrors or self.exchange)
+
+    @classmethod
+    def wider(cls, body: Body, found: "Symmetry") -> "list[Symmetry]":
+        """Symmetries with one operation more that box and faces of a body would allow."""
+        faces = {(f.axis, f.side): (f.condition, f.tool) for f in body.faces}
+        size = body.high - body.low
+        mirrors = [
+            cls(tuple(sorted((*found.mirrors, a))), found.exchange)
+            for a in range(3)
+            if a not in found.mirrors and faces[a, 0] == faces[a, 1]
+        ]
+        exchanges = [
+            cls(found.mirrors, (a, b))
+            for a, b in ((0, 1), (0, 2), (1, 2))
+            if not found.exchange
+            and {a, b} <= set(found.mirrors)
+            and faces[a, 0] == faces[b, 0]
+            and abs(size[a] / size[b] - 1.0) < 1e-6
+        ]
+        return mirrors + exchanges
+
+    def describe(self) -> str:
+        """Its operations in words; empty: none."""
+        words = [f"mirrored along {'xyz'[a]}" for a in self.mirrors]
+        if self.exchange:
+            words.append(" and ".join("xyz"[a] for a in self.exchange) + " exchanged")
+        return ", ".join(words)
+
+    def evened(self, rungs: tuple[int, ...]) -> tuple[int, ...]:
+        """Steps of a ladder along the axes, the same along those that change places."""
+        found = list(rungs)
+        for a in self.exchange:
+            found[a] = max(rungs[b] for b in self.exchange)
+        return tuple(found)
+
+    def projector(self, scalar: Tensor) -> sparse.csc_matrix:
+        """Onto coefficients [space, 3], flattened, that no operation changes."""
+        size = 3 * scalar.size
+        index = np.arange(size).reshape(*(s.size for s in scalar.axes), 3)
+        found = sparse.identity(size, format="csc")
+        for a in self.mirrors:
+            sign = np.where(np.arange(3) == a, -1.0, 1.0) * np.ones(index.shape)
+            found = 0.5 * (found + _permuted(np.flip(index, a), sign) @ found)
+        if self.exchange:
+            a, b = self.exchange
+            order = np.arange(3)
+            order[[a, b]] = b, a
+            turned = np.swapaxes(index, a, b)[..., order]
+            found = 0.5 * (found + _permuted(turned, np.ones(index.shape)) @ found)
+        return sparse.csc_matrix(found)
+
+
+def _permuted(index: np.ndarray, sign: np.ndarray) -> sparse.csc_matrix:
+    size = index.size
+    return sparse.csc_matrix((sign.ravel(), (np.arange(size), index.ravel())), shape=(size, size))
+
+
+@dataclass(frozen=True)
+class Block:
+    """Components of the displacement that share coefficients.
+
+    Attributes:
+        axes: the components.
+        ties: of every component, what the coefficients of the splines are, shape [space, functions].
+    """
+
+    axes: tuple[int, ...]
+    ties: tuple[sparse.csr_matrix, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return int(self.ties[0].shape[1])
+
+    def matrix(self, values: np.ndarray) -> np.ndarray:
+        """Functions where the splines have ``values`` [points, space]: [points, axes, functions]."""
+        return np.stack([(tie.T @ values.T).T for tie in self.ties], axis=1)
+
+
+@dataclass(frozen=True)
+class Space:
+    """Vector fields on a box.
+
+    Attributes:
+        scalar: splines of each component.
+        symmetry: of all fields.
+    """
+
+    scalar: Tensor
+    symmetry: Symmetry = Symmetry()
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Components apart, or together where axes change places."""
+        both = self.symmetry.exchange
+        groups = [both] * bool(both) + [(a,) for a in range(3) if a not in both]
+        projector = self.symmetry.projector(self.scalar)
+        found = []
+        for axes in groups:
+            rows = (3 * np.arange(self.scalar.size)[:, None] + np.array(axes)).ravel()
+            own = sparse.csc_matrix(projector[rows][:, rows])
+            own.eliminate_zeros()
+            own.sort_indices()
+            filled = np.flatnonzero(np.diff(own.indptr))
+            first = filled[own.indices[own.indptr[filled]] == filled]
+            kept = own[:, first]
+            kept = kept @ sparse.diags(1.0 / np.sqrt(kept.multiply(kept).sum(axis=0).A1))
+            ties = tuple(sparse.csr_matrix(kept[n :: len(axes)]) for n in range(len(axes)))
+            found.append(Block(axes, ties))
+        return tuple(found)
+
+    @property
+    def size(self) -> int:
+        """Number of functions of all components."""
+        return sum(block.size for block in self.blocks)
+
+    def normal(self, D: np.ndarray, block: Block) -> np.ndarray:
+        """Normal matrix of rows D [points, axes, functions], and the roughness that settles the rest."""
+        flat = D.reshape(-1, block.size)
+        found: np.ndarray = flat.T @ flat + RIDGE * len(D) * self.roughness(block)
+        return found
+
+    def roughness(self, block: Block) -> np.ndarray:
+        """As of ``Tensor.roughness``, shape [functions, functions]."""
+        K = self.scalar.roughness()
+        return np.asarray(sum((tie.T @ (tie.T @ K).T) for tie in block.ties))
+
+    def tied(self, y: np.ndarray) -> np.ndarray:
+        """Coefficients of the splines [space, 3, n] from those of all functions, shape [size, n]."""
+        c = np.empty((self.scalar.size, 3, y.shape[1]))
+        ends = np.cumsum([block.size for block in self.blocks])[:-1]
+        for block, own in zip(self.blocks, np.split(y, ends), strict=True):
+            for axis, tie in zip(block.axes, block.ties, strict=True):
+                c[:, axis] = tie @ own
+        return c
+
+    def fitted(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Coefficients of the splines for displacements [frames, points, 3]: [space, 3, frames]."""
+        Phi, found = self.scalar.matrix(X), []
+        for block in self.blocks:
+            D = block.matrix(Phi)
+            found.append(np.linalg.solve(self.normal(D, block), paired(D, u[:, :, block.axes])))
+        return self.tied(np.concatenate(found))
+
+
+def paired(D: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """D^T u over points and axes, for u [frames, points, axes]: shape [functions, frames]."""
+    found: np.ndarray = D.reshape(-1, D.shape[2]).T @ u.reshape(len(u), -1).T
+    return found
