@@ -141,7 +141,7 @@ def test_shared_jelly_reads_a_quarter_of_the_papers_bias():
 
 # --- the twin as an option of the weak form -------------------------------------------------------
 def swinging(values):
-    """800 tracks of a free block that starts to swell and shear, at 200 Hz."""
+    """1,200 tracks of a free block that starts to swell and shear, at 200 Hz."""
     solver = Solver(
         dx=0.025, nodes=(40, 40, 40), dt=5e-4, gradient="mls", walls=(), gravity=(0.0, 0.0, 0.0)
     )
@@ -151,7 +151,7 @@ def swinging(values):
     simulation.set_material(values)
     simulation.reset(body.x, (body.x - body.x.mean(axis=0)) @ rate.T)
     step = np.arange(0, 501, 10)
-    tracked = np.random.default_rng(0).choice(len(body.x), 800, replace=False)
+    tracked = np.random.default_rng(0).choice(len(body.x), 1200, replace=False)
     return Recording(
         time=step * solver.dt,
         p_WQ=simulation.run(step)[:, tracked],

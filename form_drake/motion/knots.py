@@ -147,9 +147,10 @@ def chosen_space(
             if near(wider.evened(rungs), wider, bases.error(wider.evened(rungs), symmetry))
         ]
         symmetry = tried[0] if tried else symmetry
-    own = bases.climbed(symmetry, floor)[0] if symmetry else rungs
-    if near(own, symmetry, lowest):
-        return bases.space(own, symmetry)
+    if symmetry:
+        own, least = bases.climbed(symmetry, floor)
+        if least <= floor or least < SLACK * lowest:
+            return bases.space(own, symmetry)
     return bases.space(rungs, Symmetry())
 
 
@@ -159,6 +160,8 @@ class _Bases:
     def __init__(self, X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body):
         self._tracks = X, u, valid
         self._body = body
+        share = (X - body.low) / (body.high - body.low)
+        self._places = [len(np.unique(np.round(s, 3))) for s in share.T]
         held = [f.condition == "bonded" for f in body.faces]
         self._held = [(held[2 * n], held[2 * n + 1]) for n in range(3)]
         self._known: dict[tuple[tuple[int, ...], Symmetry], float] = {}
@@ -177,8 +180,10 @@ class _Bases:
         if key not in self._known:
             X, u, valid = self._tracks
             space = self.space(rungs, symmetry)
-            few = space.size <= 3.0 * LARGEST * len(X)
-            small = few and space.scalar.size <= FINEST * len(X)
+            few = space.size <= 3.0 * LARGEST * len(X) and space.scalar.size <= FINEST * len(X)
+            small = few and all(
+                s.size <= n for s, n in zip(space.scalar.axes, self._places, strict=True)
+            )
             self._known[key] = (
                 press(space, X, filled(space, X, u, valid), valid) if small else np.inf
             )
@@ -219,8 +224,8 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
         new = list(breaks)
         for a, b in pairwise(breaks):
             inside = (time >= a) & (time <= b)
-            expected = noise**2 * np.sum(1.0 - leverage[inside]) * y.shape[1]
-            spread = noise**2 * np.sqrt(2.0 * np.sum(1.0 - leverage[inside]) * y.shape[1])
+            count = max(np.sum(1.0 - leverage[inside]), 0.0) * y.shape[1]
+            expected, spread = noise**2 * count, noise**2 * np.sqrt(2.0 * count)
             middle = 0.5 * (a + b)
             halves = np.sum(inside & (time < middle)), np.sum(inside & (time > middle))
             if min(halves) >= 1 and np.sum(energy[inside]) > expected + 3.0 * spread:
