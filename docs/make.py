@@ -21,7 +21,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import positions, probes, rubber, speed, table2, table2_weak, weak_form
+from form_drake.bench import (
+    deformable,
+    positions,
+    probes,
+    rubber,
+    speed,
+    table2,
+    table2_weak,
+    weak_form,
+)
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
@@ -36,6 +45,7 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "rubber": rubber.table,
     "weak-form": weak_form.table,
     "probes": probes.table,
+    "deformable": deformable.table,
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}

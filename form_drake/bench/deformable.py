@@ -4,28 +4,26 @@
 lie in ``tests/data/deformable``. Linear tetrahedra are too stiff, so that each mesh is held against the
 apparent modulus that its own force over its own stroke shows, and the meshes together, extrapolated to
 no spacing, against the modulus that Drake was given. Meshes still coarser (7.5 and 6 mm, four cells
-across) were tried and left out: there the difference is -3.9 % and +6.4 %. ``python -m
-form_drake.bench.deformable`` prints the table; with ``--out`` it writes the recordings, which
-``form-drake identify`` reads like any other.
+across) were tried and left out: there the difference is -3.9 % and +6.4 %.
 """
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
+from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.files import read_mapping
 from form_drake.identify import identify
-from form_drake.records import Recording, Stream, write_recording
+from form_drake.records import Recording, Stream
 
 DATA = Path(__file__).resolve().parents[2] / "tests" / "data" / "deformable"
 KINDS, MESHES = ("press", "bend"), ("coarse", "medium", "fine")
-ORDER = (
-    2  # of linear elements' stiffness in their spacing, away from edges where stress is singular
-)
+NAMES = tuple(f"{kind}-{mesh}" for kind in KINDS for mesh in MESHES)
+ORDER = 2  # of linear elements' stiffness in their spacing, away from edges of singular stress
 GOAL = 3.0  # largest difference [percent]
+SECONDS = 12.0  # of one identification
 
 
 def recording(case: str, folder: Path = DATA) -> Recording:
@@ -97,11 +95,22 @@ def extrapolated(spacing: np.ndarray, values: np.ndarray) -> float:
     return float(np.linalg.lstsq(terms, values, rcond=None)[0][0])
 
 
-def run_deformable(folder: Path = DATA) -> dict[str, Any]:
-    """All meshes, and for each kind the limits of identified and apparent modulus."""
+def run_deformable(store: Path | None = None, folder: Path = DATA) -> dict[str, Any]:
+    """All meshes, and for each kind the limits of identified and apparent modulus.
+
+    Args:
+        store: where finished cases are kept; None: nowhere.
+        folder: of the files.
+    """
+    cases = {name: partial(identified, name, folder) for name in NAMES}
+    if store is None:
+        each = {name: case() for name, case in cases.items()}
+    else:
+        seconds = dict.fromkeys(NAMES, SECONDS)
+        each = run_cases(cases, store=store, mark=fingerprint(), estimates=seconds, only=())
     kinds: dict[str, Any] = {}
     for kind in KINDS:
-        meshes = {mesh: identified(f"{kind}-{mesh}", folder) for mesh in MESHES}
+        meshes = {mesh: each[f"{kind}-{mesh}"] for mesh in MESHES}
         spacing, E, apparent = (
             np.array([m[key] for m in meshes.values()]) for key in ("spacing", "E", "apparent")
         )
@@ -140,24 +149,3 @@ def table(result: dict[str, Any]) -> str:
 
 def _met(percent: float, goal: float) -> str:
     return "met" if abs(percent) <= goal else "MISSED"
-
-
-@dataclass(frozen=True)
-class Deformable:
-    """Drake's deformable bodies, identified from their tracks and force."""
-
-    out: Path | None = None
-    """Folder to write the recordings to, as CASE.h5; nothing is identified then."""
-
-    def run(self) -> None:
-        """Print the table, or write the recordings."""
-        if self.out is None:
-            print(table(run_deformable()))
-            return
-        self.out.mkdir(parents=True, exist_ok=True)
-        for case in (f"{kind}-{mesh}" for kind in KINDS for mesh in MESHES):
-            write_recording(recording(case), self.out / f"{case}.h5")
-
-
-if __name__ == "__main__":
-    tyro.cli(Deformable).run()

@@ -10,7 +10,16 @@ from typing import Annotated, Any, Literal
 import tyro
 from tqdm import tqdm
 
-from form_drake.bench import positions, probes, rubber, speed, table2, table2_weak, weak_form
+from form_drake.bench import (
+    deformable,
+    positions,
+    probes,
+    rubber,
+    speed,
+    table2,
+    table2_weak,
+    weak_form,
+)
 from form_drake.bench.curves import recordings
 from form_drake.commands.output import emit, say
 from form_drake.files import target, write_json
@@ -228,6 +237,32 @@ class Probes:
 
 
 @dataclass(frozen=True)
+class Deformable:
+    """Drake's own deformable bodies on three meshes, stored with the tests; needs a checkout."""
+
+    recordings: Path | None = None
+    """Folder: write every motion there as a recording for form-drake identify, and identify none."""
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-deformable/deformable.json."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench, or write the recordings."""
+        if self.recordings is None:
+            run = deformable.run_deformable
+            table = deformable.table
+            _finish("deformable", self.out, run, table, whole=True, as_json=self.json)
+            return
+        written = []
+        for name in deformable.NAMES:
+            place = target(self.recordings / f"{name}.h5")
+            write_recording(deformable.recording(name), place)
+            written.append(str(place))
+        emit("\n".join(written), {"recordings": written}, as_json=self.json)
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure what the documents state; long benches resume where they were interrupted."""
 
@@ -238,6 +273,7 @@ class Bench:
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]
         | Annotated[WeakForm, tyro.conf.subcommand("weak-form")]
         | Annotated[Probes, tyro.conf.subcommand("probes")]
+        | Annotated[Deformable, tyro.conf.subcommand("deformable")]
     ]
 
     def run(self) -> None:

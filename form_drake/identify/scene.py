@@ -11,7 +11,7 @@ from form_drake.identify.twin import Offset
 from form_drake.laws import Law
 from form_drake.motion import fit_tracks
 from form_drake.records import Recording
-from form_drake.weak.probe import prepared
+from form_drake.weak.ready import prepared
 
 # values of all parameters -> the scene of every probe, without noise, at the points and frames of
 # the measured one

@@ -23,7 +23,8 @@ from form_drake.weak.choice import (
     traction_free,
 )
 from form_drake.weak.fields import Fields
-from form_drake.weak.probe import Probe, prepared, probe_body
+from form_drake.weak.probe import Probe
+from form_drake.weak.ready import prepared, probe_body
 from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved, totals, weights
 from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Pressure, Unknowns

@@ -12,13 +12,12 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_triangular
 
 from form_drake.motion.body import Body
-from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press, white_noise
+from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
+from form_drake.motion.tracks import jitter, noise_of, tracks
 from form_drake.records import Recording
 
-NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
-OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 FLAT = 1e-9  # of the largest roughness, below which a function has none
 FACTORS = 200  # of smoothing that are compared
 # times the likely variance that a mode is granted: what smoothing costs must stay below the noise
@@ -100,9 +99,9 @@ def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit
     Raises:
         ValueError: too few points or frames, or points on one plane.
     """
-    X, u, valid, time = _tracks(recording, body)
+    X, u, valid, time = tracks(recording, body)
     stated = recording.noise
-    noise = _noise(recording.time, u, valid) if stated is None else stated
+    noise = noise_of(recording.time, u, valid) if stated is None else stated
     space = chosen_space(X, u, valid, body, noise) if like is None else like.space
     u = filled(space, X, u, valid)
     white, roots, roughness = _projected(space, X, u, valid)
@@ -117,7 +116,7 @@ def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit
     spread = float(np.sqrt(np.mean(rest[valid] ** 2) / freedom))
     if stated is None:
         # what neither the fields follow nor time smooths: noise, or waves as short as the points
-        noise = min(spread, _jitter(recording.time, rest, valid) / np.sqrt(freedom))
+        noise = min(spread, jitter(recording.time, rest, valid) / np.sqrt(freedom))
     follow = max(noise, FOLLOWED * spread)
     splines = chosen_time(time, white, follow) if like is None else like.time
     Q, R = np.linalg.qr(splines.matrix(time))
@@ -192,46 +191,6 @@ def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray
     return found
 
 
-def _tracks(
-    recording: Recording, body: Body
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stress-free positions, displacements, validity and time of the points ever seen."""
-    valid = np.isfinite(recording.p_WQ).all(axis=2)
-    if recording.valid is not None:
-        valid &= recording.valid
-    if recording.p_reference is None and not valid[0].all():
-        raise ValueError(
-            "points are missing from the first frame, so it gives no stress-free positions: state"
-            " p_reference"
-        )
-    edge = OUTSIDE * (body.high - body.low)
-    inside = (recording.reference >= body.low - edge) & (recording.reference <= body.high + edge)
-    _check_units(recording.reference, body, inside.all(axis=1))
-    seen = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1)
-    X = recording.reference[seen]
-    if len(X) < 8:
-        raise ValueError(f"{len(X)} points are seen in half of the frames: 8 or more are needed")
-    if recording.frames < 8:
-        raise ValueError(f"{recording.frames} frames: 8 or more are needed")
-    flat = np.linalg.svd((X - X.mean(axis=0)) / (body.high - body.low), compute_uv=False)
-    if flat[-1] < 1e-3 * flat[0]:
-        raise ValueError(
-            "all points lie on one plane: motion inside the body needs points throughout it, or a"
-            " reconstruction of the interior"
-        )
-    u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
-    return X, u[:, seen], valid[:, seen], recording.time - recording.time[0]
-
-
-def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
-    size, spread = float(np.max(body.high - body.low)), float(np.max(np.ptp(X, axis=0)))
-    if not 0.02 < spread / size < 50.0 or inside.mean() < 0.2:
-        raise ValueError(
-            f"points span {spread:.4g} m, the stated box {size:.4g} m, and {inside.sum()} of"
-            f" {len(X)} points lie in it; lengths are metres: are some in millimetres?"
-        )
-
-
 def _projected(
     space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
@@ -252,39 +211,6 @@ def _projected(
         roots.append(inverse.T @ turn)
         roughness.append(np.maximum(own, 0.0))
     return np.concatenate(white).T, tuple(roots), np.concatenate(roughness)
-
-
-def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the cubic through four neighbours of every stamp, shape [middles, 4], and its index."""
-    middle = np.arange(2, len(time) - 2)
-    t = time[middle[:, None] + NEAR] - time[middle, None]
-    weights = [
-        np.prod([-t[:, j] / (t[:, i] - t[:, j]) for j in range(4) if j != i], axis=0)
-        for i in range(4)
-    ]
-    return np.stack(weights, axis=1), middle
-
-
-def _noise(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Noise of one coordinate [m]: what is neither a mode of the motion nor smooth in time."""
-    found = _jitter(time, u, valid)
-    whole = valid.all(axis=0)
-    return min(found, white_noise(u[:, whole])) if whole.any() else found
-
-
-def _jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Noise of one coordinate [m] from its deviation from the cubic through four neighbours.
-
-    The median over frames, so that moments of fast motion do not count.
-    """
-    weights, middle = neighbours(time)
-    error = u[middle] - np.einsum("fk,fkpi->fpi", weights, u[middle[:, None] + NEAR], optimize=True)
-    error /= np.sqrt(1.0 + np.sum(weights**2, axis=1))[:, None, None]
-    sure = valid[middle] & valid[middle[:, None] + NEAR].all(axis=1)
-    square = np.array(
-        [np.mean(e[s] ** 2) if s.any() else np.nan for e, s in zip(error, sure, strict=True)]
-    )
-    return float(np.sqrt(np.nanmedian(square)))
 
 
 def supplied(

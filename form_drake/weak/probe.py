@@ -1,6 +1,5 @@
 """One probe made ready: its fitted motion, test fields, windows and forces; rows on demand."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,25 +7,21 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from form_drake.laws import Law, Values
-from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
+from form_drake.motion import Body, Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
-from form_drake.records import Recording
 from form_drake.weak.balance import Along, balance
 from form_drake.weak.fields import Fields
-from form_drake.weak.force import Force, measured
+from form_drake.weak.force import Force
 from form_drake.weak.noise import Bases, slopes, track_noise
-from form_drake.weak.reach import usable
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row
-from form_drake.weak.windows import Windows, windows
+from form_drake.weak.windows import Windows
 
-SAMPLES = 16  # fewest times in a window
 LOOKS = 6  # times in a window at which the noise is linearised
 # share of a row's variance that its linearisation misses: without it, rows that few independent
 # noises drive would be combined into ones that claim to hold no noise at all
 INEXACT = 0.03
-GAUSS, ROUGH = 3, 2  # points along each axis of a cell, of one or two cells
 
 
 @dataclass(frozen=True)
@@ -219,98 +214,3 @@ class Probe:
         """Noise of the coefficients [m] and of the forces [N]."""
         push = {k: f.noise * rng.standard_normal(f.value.shape) for k, f in self.forces.items()}
         return self.fit.draw(rng), push
-
-
-def prepared(
-    recording: Recording,
-    name: str,
-    fields: Sequence[Fields],
-    ends: np.ndarray,
-    shape: Body,
-    fit: Fit,
-    free: tuple[int, ...] = (),
-) -> Probe:
-    """A probe from a recording, its body and fit, test fields and the ends of its windows [s].
-
-    ``free`` are its traction-free directions.
-    """
-    last = float(recording.time[-1] - recording.time[0])
-    frame, width = float(np.median(np.diff(recording.time))), float(np.diff(ends, axis=1).min())
-    step = frame / np.ceil(SAMPLES * frame / width)
-    time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
-    mirrors = _mirrors(recording, fit, fields)
-    cells = _cells(fit, fields, shape, mirrors)
-    spatial = not all(f.fixed or not f.material for f in fields)
-
-    def sampled(cells: list[np.ndarray], points: int) -> Sampling:
-        X, volume = shape.gauss(cells, points)
-        volume = 2.0 ** len(mirrors) * volume
-        found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
-        return replace(
-            found,
-            hessian=fit.space.scalar.hessian(X) if spatial else None,
-            pressure=supplied(recording, recording.pressure, fit, time, X),
-            body_force=supplied(recording, recording.body_force, fit, time, X),
-        )
-
-    rough = [np.linspace(c[0], c[-1], 1 + (len(c) + 1) // 2) for c in cells]
-    gravity = (
-        np.zeros(3)
-        if recording.gravity is None
-        else np.asarray(recording.gravity, float) / recording.mass_scale
-    )
-    probe = Probe(
-        name,
-        shape,
-        fit,
-        sampled(cells, GAUSS),
-        sampled(rough, ROUGH),
-        tuple(fields),
-        windows(time, ends),
-        measured(recording, 0.0, last),
-        gravity,
-        usable(shape, fit, fields, ends),
-        free,
-    )
-    if not probe.motion.J.min() > 0.0:
-        raise ValueError(
-            f"{name}: the motion through the tracks folds the body: too few or too noisy"
-        )
-    return probe
-
-
-def _mirrors(recording: Recording, fit: Fit, fields: Sequence[Fields]) -> list[int]:
-    """Axes along which motion, fields and loads are mirrored, so that half of the body is enough."""
-    if recording.pressure is not None or recording.body_force is not None:
-        return []
-    gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity)
-    return [
-        a
-        for a in fit.space.symmetry.mirrors
-        if gravity[a] == 0.0 and all(a in family.mirrors for family in fields)
-    ]
-
-
-def _cells(
-    fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int]
-) -> list[np.ndarray]:
-    """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
-    found = []
-    for a, axis in enumerate(fit.space.scalar.axes):
-        ends = [axis.breaks, *(f.breaks[a] for f in fields)]
-        if a in mirrors:
-            middle = 0.5 * (shape.low[a] + shape.high[a])
-            ends = [np.append(e[e < middle], middle) for e in ends]
-        every = np.sort(np.concatenate(ends))
-        apart = np.append(True, np.diff(every) > 1e-6 * (every[-1] - every[0]))
-        found.append(every[apart])
-    return found
-
-
-def probe_body(recording: Recording) -> tuple[Body, Fit]:
-    """The body that a recording states and the motion fitted to its tracks."""
-    shape = body(recording)
-    return shape, fit_tracks(recording, shape)
-
-
-__all__ = ["Probe", "prepared", "probe_body"]

@@ -1,0 +1,160 @@
+"""Motion between tracks: fields with symmetries, noise, and integrals over a part of the body."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from form_drake.identify.search import _borne
+from form_drake.laws import law_named
+from form_drake.motion import body, fit_tracks
+from form_drake.motion.knots import chosen_space, white_noise
+from form_drake.motion.space import Space, Symmetry
+from form_drake.motion.splines import Splines, Tensor
+from form_drake.records import Recording, Stream
+from form_drake.weak.choice import axial
+from form_drake.weak.system import Row
+
+ready = importlib.import_module("form_drake.weak.ready")
+LOW, HIGH = np.array([-0.01, -0.01, 0.0]), np.array([0.01, 0.01, 0.03])
+SQUARE = Symmetry((0, 1), (0, 1))
+
+
+def pressed(X, t):
+    """A block that is squeezed along z and bulges, alike along x and y [m]."""
+    a = 2e-3 * np.sin(2.0 * t)[:, None] * (X[:, 2] / 0.03)
+    bulge = a * (1.0 + 40.0 * X[:, 2] - 2e3 * (X[:, 0] ** 2 + X[:, 1] ** 2))
+    return np.stack([20.0 * bulge * X[:, 0], 20.0 * bulge * X[:, 1], -a], axis=-1)
+
+
+def made(extra=0.0, noise=0.0, seed=0):
+    """Tracks of ``pressed`` under a plate, with a share of shear and with noise [m]."""
+    rng = np.random.default_rng(seed)
+    X = np.random.default_rng(1).uniform(LOW, HIGH, (300, 3))
+    t = np.linspace(0.0, 0.8, 60)
+    u = pressed(X, t)
+    u[:, :, 0] += extra * 2e-3 * np.sin(2.0 * t)[:, None] * X[:, 2] / 0.03
+    pose = np.tile(np.eye(4), (60, 1, 1))
+    pose[:, 2, 3] = 0.03 - 2e-3 * np.sin(2.0 * t)
+    return Recording.from_arrays(
+        t,
+        X + u + noise * rng.standard_normal(u.shape),
+        p_reference=X,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.03"},
+        contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
+        poses={"plate": Stream(t, pose)},
+        forces={"plate": Stream(t, np.tile([0.0, 0.0, 1.0], (60, 1)))},
+        law="neo-hookean",
+    )
+
+
+def tensor(x=4, y=4, z=3):
+    a, b, c = (
+        Splines.uniform(lo, hi, 2, d) for lo, hi, d in zip(LOW, HIGH, (x, y, z), strict=True)
+    )
+    return Tensor((a, b, c))
+
+
+@pytest.mark.parametrize("symmetry", [Symmetry((1,)), Symmetry((0, 2)), SQUARE])
+def test_no_operation_changes_a_symmetric_field(symmetry):
+    space = Space(tensor(), symmetry)
+    X = np.random.default_rng(0).uniform(LOW, HIGH, (40, 3))
+    c = space.tied(np.random.default_rng(1).standard_normal((space.size, 1)))[:, :, 0]
+
+    def field(X):
+        return space.scalar.matrix(X) @ c
+
+    middle = 0.5 * (LOW + HIGH)
+    operations = [np.diag(np.where(np.arange(3) == a, -1.0, 1.0)) for a in symmetry.mirrors]
+    if symmetry.exchange:
+        operations.append(np.eye(3)[[1, 0, 2]])
+    for Q in operations:
+        np.testing.assert_allclose(
+            field(middle + (X - middle) @ Q.T), field(X) @ Q.T, atol=1e-12 * np.abs(c).max()
+        )
+    assert np.abs(field(X)).min() > 0.0
+
+
+@pytest.mark.parametrize("symmetry", [Symmetry(), Symmetry((1,)), SQUARE])
+def test_functions_are_as_many_as_symmetric_fields(symmetry):
+    space = Space(tensor(), symmetry)
+    projector = symmetry.projector(space.scalar).toarray()
+    np.testing.assert_allclose(projector @ projector, projector, atol=1e-12)
+    assert space.size == round(np.trace(projector))
+
+
+def test_the_data_choose_the_symmetry():
+    for extra, wanted in ((0.0, SQUARE), (0.2, Symmetry((1,)))):
+        recording = made(extra, noise=1e-6)
+        shape = body(recording)
+        X, u = recording.reference, recording.p_WQ - recording.reference
+        space = chosen_space(X, u, np.ones(u.shape[:2], dtype=bool), shape, 1e-6)
+        assert space.symmetry == wanted
+
+
+def test_unlike_faces_admit_no_mirror():
+    shape = body(made())
+    assert {s.mirrors for s in Symmetry.wider(shape, Symmetry())} == {(0,), (1,)}
+    assert SQUARE in Symmetry.wider(shape, Symmetry((0, 1)))
+
+
+def test_noise_stands_apart_from_fast_motion():
+    rng = np.random.default_rng(0)
+    t, X = np.arange(120), rng.standard_normal((200, 3))
+    fast = np.cos(2.4 * t)[:, None, None] * X + np.sin(1.1 * t)[:, None, None] * X[:, [1, 2, 0]]
+    noise = 1e-3 * rng.standard_normal(fast.shape)
+    assert white_noise(fast + noise) == pytest.approx(1e-3, rel=0.02)
+    assert white_noise(fast + 0.01 * noise) == pytest.approx(1e-5, rel=0.02)
+
+
+def test_covariance_of_a_symmetric_fit_is_that_of_its_errors():
+    noise, shape = 20e-6, body(made())
+    first = fit_tracks(made(noise=noise), shape)
+    assert first.space.symmetry == SQUARE
+    true = fit_tracks(made(), shape, like=first).c
+    X = np.random.default_rng(3).uniform(LOW, HIGH, (30, 3))
+    Phi, B = first.space.scalar.matrix(X), first.time.matrix(np.linspace(0.1, 0.7, 9))
+
+    def size(change):
+        return np.sqrt(np.mean(np.einsum("pa,ait,st->pis", Phi, change, B) ** 2))
+
+    fits = [fit_tracks(made(noise=noise, seed=s), shape, like=first) for s in range(12)]
+    errors = np.mean([size(f.c - true) for f in fits])
+    claimed = np.mean([size(f.draw(np.random.default_rng(n))) for n, f in enumerate(fits)])
+    assert claimed == pytest.approx(errors, rel=0.25)
+    assert errors < 0.2 * noise
+
+
+def test_half_of_a_mirrored_body_is_enough(monkeypatch):
+    recording = made()
+    shape = body(recording)
+    fit = fit_tracks(recording, shape)
+    fields = axial(recording, shape, fit)
+    assert fields[0].lateral.shape == (1, 3)  # alike along x and y
+    ends = np.array([[0.1, 0.4], [0.3, 0.6]])
+    monkeypatch.setattr(ready, "GAUSS", 6)
+    quarter = ready.prepared(recording, "", fields, ends, shape, fit)
+    monkeypatch.setattr(ready, "_mirrors", lambda *_: [])
+    whole = ready.prepared(recording, "", fields, ends, shape, fit)
+    assert np.all(quarter.motion.X[:, :2] < 0.0) and whole.motion.X.max(axis=0)[0] > 0.0
+    law, values = law_named("neo-hookean"), {}
+    for one, other in zip(
+        *(
+            (
+                p.columns(p.along(p.motion), law, values, np.ones(len(law.terms), dtype=bool)),
+                p.rest(p.along(p.motion), {}),
+                p.noise(law, values, np.array([1e4, 1e5])),
+            )
+            for p in (quarter, whole)
+        ),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(other).max())
+
+
+def test_what_a_body_has_borne_stays():
+    labels = [Row((0.1 * n, 0.1 * n + 0.2), f) for n in range(3) for f in ("a", "b")]
+    scale = np.array([1.0, 5.0, 3.0, 1.0, 2.0, 7.0])
+    np.testing.assert_array_equal(_borne(scale, labels), [1.0, 5.0, 3.0, 5.0, 3.0, 7.0])
