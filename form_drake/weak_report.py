@@ -230,6 +230,7 @@ def _facts(rows: ProbeRows) -> list[list[str]]:
     ]
     found = [
         ["splines in space", "; ".join(bases)],
+        ["symmetry", fit.space.symmetry.describe() or "none found"],
         ["splines in time", f"{_count(len(spans), 'span')}, the shortest {_si(spans.min(), 's')}"],
         ["noise of a coordinate", _si(fit.noise, "m")],
         ["misfit of the tracks", _si(fit.misfit, "m")],
