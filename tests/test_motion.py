@@ -1,14 +1,17 @@
 """Motion between tracks: fields with symmetries, noise, and integrals over a part of the body."""
 
 import importlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from form_drake.identify import identify
 from form_drake.identify.search import _borne
+from form_drake.identify.weak import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
-from form_drake.motion.knots import chosen_space, white_noise
+from form_drake.motion.knots import chosen_space, chosen_time, white_noise
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording, Stream
@@ -86,11 +89,16 @@ def test_functions_are_as_many_as_symmetric_fields(symmetry):
 
 
 def test_the_data_choose_the_symmetry():
-    for extra, wanted in ((0.0, SQUARE), (0.2, Symmetry((1,)))):
-        recording = made(extra, noise=1e-6)
+    for extra, noise, wanted in (
+        (0.0, 1e-6, SQUARE),
+        (0.2, 1e-6, Symmetry((1,))),
+        (0.0, 20e-6, SQUARE),
+        (0.006, 20e-6, Symmetry((1,))),
+    ):
+        recording = made(extra, noise=noise)
         shape = body(recording)
         X, u = recording.reference, recording.p_WQ - recording.reference
-        space = chosen_space(X, u, np.ones(u.shape[:2], dtype=bool), shape, 1e-6)
+        space = chosen_space(X, u, np.ones(u.shape[:2], dtype=bool), shape, noise)
         assert space.symmetry == wanted
 
 
@@ -158,3 +166,28 @@ def test_what_a_body_has_borne_stays():
     labels = [Row((0.1 * n, 0.1 * n + 0.2), f) for n in range(3) for f in ("a", "b")]
     scale = np.array([1.0, 5.0, 3.0, 1.0, 2.0, 7.0])
     np.testing.assert_array_equal(_borne(scale, labels), [1.0, 5.0, 3.0, 5.0, 3.0, 7.0])
+
+
+def test_stated_absence_of_noise_is_read():
+    fit = fit_tracks(replace(made(), noise=0.0), body(made()))
+    assert fit.noise == 0.0
+    answer = identify(replace(made(), noise=0.0), method="weak", known={"kappa": 1e5})
+    assert np.isfinite(answer.material.values["C10"])
+
+
+def test_knots_gather_where_samples_are_dense():
+    rng = np.random.default_rng(0)
+    time = np.sort(np.concatenate([rng.uniform(0.0, 0.5, 100), rng.uniform(0.5, 1.0, 11)]))
+    wave = np.sin(60.0 * time) * np.exp(-10.0 * np.abs(time - 0.25))
+    y = np.stack([wave, np.cos(3.0 * time)], axis=-1)
+    splines = chosen_time(time, y + 1e-3 * rng.standard_normal(y.shape), 1e-3)
+    B = splines.matrix(time)
+    rest = (y - B @ np.linalg.lstsq(B, y, rcond=None)[0])[time < 0.5]
+    assert np.sqrt(np.mean(rest**2)) < 2e-3
+
+
+def test_fields_that_are_images_of_each_other_are_not_used_twice():
+    made_of = {"method": "weak", "known": {"kappa": 1e5}}
+    box = identify(made(), **made_of, weak=WeakOptions(fields=("box",)))
+    assert not box.weak.problem.probes[0].fit.space.symmetry
+    assert identify(made(), **made_of).weak.problem.probes[0].fit.space.symmetry == SQUARE

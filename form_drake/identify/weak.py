@@ -14,6 +14,7 @@ from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import noise_bias, parameters, refuse
 from form_drake.laws import Law
 from form_drake.material import Material
+from form_drake.motion import fit_tracks
 from form_drake.records import Recording
 from form_drake.weak.choice import (
     chosen_fields,
@@ -24,13 +25,13 @@ from form_drake.weak.choice import (
 )
 from form_drake.weak.fields import Fields
 from form_drake.weak.probe import Probe
-from form_drake.weak.ready import prepared, probe_body
+from form_drake.weak.ready import mirrored, prepared, probe_body
 from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved, totals, weights
 from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Pressure, Unknowns
 
 PASSES = 3  # of the weights after the first search, fewer where they no longer change
-SETTLED = 0.02  # share of the model error by which it may still change
+SETTLED = 0.02  # share by which model error and noise may still change
 
 Estimator = Literal["gls", "ols"]
 
@@ -217,12 +218,16 @@ def _problem(
     if not unknowns.keys and not unknowns.searched:
         raise ValueError("every parameter is known: nothing is left to identify")
     probes = []
-    for n, (recording, shape, fit) in enumerate(fitted):
-        own = each[n]
+    for n, (recording, shape, first) in enumerate(fitted):
+        own, fit = each[n], first
         ends = np.array(own.ends)
         if not own.ends:
             ends = chosen_windows(recording, law, own.window)
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
+        if not mirrored(fit, fields):
+            # a field and its image would give one row twice
+            fit = fit_tracks(recording, shape, symmetric=False)
+            fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not own.ends:
             ends = spaced(ends, fields, len(fitted))
         free = traction_free(fields)
@@ -306,10 +311,13 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
     noise = none
     for n in range(PASSES):
         theta = problem.unknowns.theta(solution.theta)
-        noise = coarse.noise(eta, theta)
+        before, noise = noise, coarse.noise(eta, theta)
         system = problem.system(eta, theta)
         last, by = by, balanced(noise, system.scale, *problem.reduced(system.A, system.b))
-        settled = abs(by.error - last.error) <= SETTLED * by.error
+        settled = abs(by.error - last.error) <= SETTLED * by.error and all(
+            np.abs(np.diag(new - old)).max() <= SETTLED * np.diag(new).max()
+            for new, old in zip(noise, before, strict=True)
+        )
         if n < PASSES - 1 and not settled:
             eta = problem.searched(by, eta)
         solution = problem.solved(problem.system(eta), by)

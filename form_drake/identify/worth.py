@@ -25,7 +25,10 @@ def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution
     """
     unknowns = problem.unknowns
     deviation = np.sqrt(np.diag(free.covariance))
-    level = float(np.sqrt(np.mean(system.scale**2)))
+    size = system.scale
+    if problem.level == "borne":  # what was borne before is no stress that there is now
+        size = np.abs(system.sizes * unknowns.theta(phi)).sum(axis=1)
+    level = float(np.sqrt(np.mean(size**2)))
     own = np.sqrt(np.mean((system.sizes @ np.abs(unknowns.M)) ** 2, axis=0))
     lost = [
         k
@@ -100,7 +103,7 @@ def noise_bias(
         white = by.white(columns)
         share, directions = eigh(noise, white.T @ white)
         if share[-1] > LARGEST_NOISE:
-            weight = np.abs(directions[:, -1]) * np.linalg.norm(columns, axis=0)
+            weight = np.abs(directions[:, -1]) * np.linalg.norm(white, axis=0)
             lost = [k for k, w in zip(unknowns.keys, weight, strict=True) if w > 0.3 * weight.max()]
             raise Unidentifiable.of(unknowns.law, _named(unknowns, lost), "noise hides them")
     return np.mean(shifts, axis=0)

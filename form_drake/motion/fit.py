@@ -88,13 +88,16 @@ class Fit:
         }
 
 
-def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit:
+def fit_tracks(
+    recording: Recording, body: Body, like: Fit | None = None, *, symmetric: bool = True
+) -> Fit:
     """Fit the tracks of a recording.
 
     Args:
         recording: of the tracks.
         body: the specimen.
         like: fit whose bases are taken; None: they are chosen.
+        symmetric: whether symmetries that the tracks support are taken.
 
     Raises:
         ValueError: too few points or frames, or points on one plane.
@@ -102,7 +105,7 @@ def fit_tracks(recording: Recording, body: Body, like: Fit | None = None) -> Fit
     X, u, valid, time = tracks(recording, body)
     stated = recording.noise
     noise = noise_of(recording.time, u, valid) if stated is None else stated
-    space = chosen_space(X, u, valid, body, noise) if like is None else like.space
+    space = like.space if like else chosen_space(X, u, valid, body, noise, symmetric=symmetric)
     u = filled(space, X, u, valid)
     white, roots, roughness = _projected(space, X, u, valid)
     Phi = space.scalar.matrix(X)
@@ -231,7 +234,7 @@ def supplied(
     scalar = fit.space.scalar
     Phi = scalar.matrix(recording.reference[valid])
     flat = value[:, valid].swapaxes(0, 1).reshape(len(Phi), -1)
-    normal = Phi.T @ Phi + RIDGE * len(Phi) * scalar.roughness()
+    normal = Phi.T @ Phi + RIDGE * len(Phi) * scalar.roughness
     c = scalar.matrix(X) @ np.linalg.solve(normal, Phi.T @ flat)
     series = c.reshape(len(X), len(value), -1).swapaxes(0, 1)
     found = make_interp_spline(recording.time - recording.time[0], series, k=3)(time)

@@ -8,13 +8,14 @@ points, tell of it. Bases are chosen by the modes: frame by frame the noise woul
 cannot follow, while the balance, which gathers frames too, would see it as a bias.
 """
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
-from form_drake.motion.space import Space, Symmetry
+from form_drake.motion.space import Space, Symmetry, paired
 from form_drake.motion.splines import Splines, Tensor
 
 # (spans, degree) along one axis in the order in which they are tried
@@ -28,6 +29,7 @@ WORST = 100.0  # condition of a basis in time
 # A basis is enlarged while the error at left-out tracks stays below this share of the least: the
 # balance knows what noise does to it, but not what a basis cannot follow.
 SLACK = 1.1
+KEEPS = 1.01  # the same of a symmetry, which has fewer functions and so must follow as well
 KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
 LARGEST = 0.6  # functions for each track and component
 FINEST = 1.5  # splines for each track, of which symmetry makes functions
@@ -40,22 +42,31 @@ def filled(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> np.
     """Displacements with the missing ones replaced by the fit's own, until they agree."""
     if valid.all():
         return u
-    u, Phi = u.copy(), space.scalar.matrix(X)
+    u = u.copy()
+    D = [block.matrix(space.scalar.matrix(X)) for block in space.blocks]
+    factors = [
+        cho_factor(space.normal(own, block)) for own, block in zip(D, space.blocks, strict=True)
+    ]
     for _ in range(PASSES):
-        again = np.einsum("pa,ait->tpi", Phi, space.fitted(X, u), optimize=True)
-        u[~valid] = again[~valid]
+        for own, factor, block in zip(D, factors, space.blocks, strict=True):
+            y = cho_solve(factor, paired(own, u[:, :, block.axes]))
+            again = np.moveaxis(own @ y, 2, 0)
+            lost = ~valid
+            for n, axis in enumerate(block.axes):
+                u[lost, axis] = again[lost, n]
     return u
 
 
 def press(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Trimmed root mean square error [m] at left-out tracks; infinite for a dependent basis."""
+    """Trimmed root mean square error [m] at left-out tracks.
+
+    Raises:
+        np.linalg.LinAlgError: a dependent basis.
+    """
     Phi, square = space.scalar.matrix(X), np.zeros(len(X))
     for block in space.blocks:
         D = block.matrix(Phi)
-        try:
-            root = np.linalg.cholesky(space.normal(D, block))
-        except np.linalg.LinAlgError:
-            return float("inf")
+        root = np.linalg.cholesky(space.normal(D, block))
         Q = solve_triangular(root, D.reshape(-1, block.size).T, lower=True).T
         own = u[:, :, block.axes].transpose(1, 2, 0)
         flat = own.reshape(len(Q), -1)
@@ -122,9 +133,15 @@ def _looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarr
 
 
 def chosen_space(
-    X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body, noise: float
+    X: np.ndarray,
+    u: np.ndarray,
+    valid: np.ndarray,
+    body: Body,
+    noise: float,
+    *,
+    symmetric: bool = True,
 ) -> Space:
-    """The basis and the symmetries that the left-out tracks support.
+    """The basis, and where they are ``symmetric`` the symmetries, that the left-out tracks support.
 
     ``noise`` is the standard deviation of a coordinate [m].
     """
@@ -135,18 +152,19 @@ def chosen_space(
         raise ValueError(f"{len(X)} points do not determine even a linear motion; track more")
     rungs, lowest = bases.climbed(Symmetry(), floor)
 
-    def near(rungs: tuple[int, ...], symmetry: Symmetry, least: float) -> bool:
-        found = bases.error(rungs, symmetry)
-        return found <= floor or found < SLACK * least
+    def loss(wider: Symmetry) -> float:
+        """Error with an operation more, as a share of that without."""
+        even = wider.evened(rungs)
+        error, before = bases.error(even, wider), bases.error(even, symmetry)
+        return 0.0 if error <= floor else error / before if np.isfinite(before) else np.inf
 
-    symmetry, tried = Symmetry(), [Symmetry()]
-    while tried:
-        tried = [
-            wider
-            for wider in Symmetry.wider(body, symmetry)
-            if near(wider.evened(rungs), wider, bases.error(wider.evened(rungs), symmetry))
-        ]
-        symmetry = tried[0] if tried else symmetry
+    symmetry = Symmetry()
+    while symmetric:
+        tried = {wider: loss(wider) for wider in Symmetry.wider(body, symmetry)}
+        best = min(tried, key=lambda wider: tried[wider], default=None)
+        if best is None or not tried[best] < KEEPS:
+            break
+        symmetry = best
     if symmetry:
         own, least = bases.climbed(symmetry, floor)
         if least <= floor or least < SLACK * lowest:
@@ -184,9 +202,10 @@ class _Bases:
             small = few and all(
                 s.size <= n for s, n in zip(space.scalar.axes, self._places, strict=True)
             )
-            self._known[key] = (
-                press(space, X, filled(space, X, u, valid), valid) if small else np.inf
-            )
+            self._known[key] = np.inf
+            with suppress(np.linalg.LinAlgError):
+                if small:
+                    self._known[key] = press(space, X, filled(space, X, u, valid), valid)
         return self._known[key]
 
     def climbed(self, symmetry: Symmetry, floor: float) -> tuple[tuple[int, ...], float]:
@@ -230,10 +249,15 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
             halves = np.sum(inside & (time < middle)), np.sum(inside & (time > middle))
             if min(halves) >= 1 and np.sum(energy[inside]) > expected + 3.0 * spread:
                 new.append(middle)
-        finer = np.sort(np.array(new))
-        if len(finer) == len(breaks) or not _told(finer, time):
+        last, finer = breaks, np.sort(np.array(new))
+        if _told(finer, time):
+            breaks = finer
+        else:  # one span where samples are too few must not stop the others
+            for middle in np.setdiff1d(finer, last):
+                more = np.sort(np.append(breaks, middle))
+                breaks = more if _told(more, time) else breaks
+        if len(breaks) == len(last):
             return splines
-        breaks = finer
 
 
 def _told(breaks: np.ndarray, time: np.ndarray) -> bool:

@@ -155,7 +155,7 @@ class Space:
 
     def roughness(self, block: Block) -> np.ndarray:
         """As of ``Tensor.roughness``, shape [functions, functions]."""
-        K = self.scalar.roughness()
+        K = self.scalar.roughness
         return np.asarray(sum((tie.T @ (tie.T @ K).T) for tie in block.ties))
 
     def tied(self, y: np.ndarray) -> np.ndarray:
@@ -166,14 +166,6 @@ class Space:
             for axis, tie in zip(block.axes, block.ties, strict=True):
                 c[:, axis] = tie @ own
         return c
-
-    def fitted(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Coefficients of the splines for displacements [frames, points, 3]: [space, 3, frames]."""
-        Phi, found = self.scalar.matrix(X), []
-        for block in self.blocks:
-            D = block.matrix(Phi)
-            found.append(np.linalg.solve(self.normal(D, block), paired(D, u[:, :, block.axes])))
-        return self.tied(np.concatenate(found))
 
 
 def paired(D: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -89,6 +89,7 @@ class Tensor:
         )
         return np.einsum("pi,pj,pk->pijk", a, b, c, optimize=True).reshape(len(X), self.size)
 
+    @cached_property
     def roughness(self) -> np.ndarray:
         """Integral of the squared second derivatives over the box, lengths in units of its sides.
 

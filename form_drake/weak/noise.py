@@ -206,6 +206,8 @@ def track_noise(
     m = len(parts[0][0])
     total = np.zeros((m * len(span),) * 2)
     for one in bases.moments:
+        if not one.series.any():  # no noise
+            continue
         total += _covariance(
             [_window(parts, groups, span.chi[w], span.rate[w], one) for w in range(len(span))]
         )

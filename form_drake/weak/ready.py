@@ -7,7 +7,7 @@ import numpy as np
 
 from form_drake.motion import Body, Fit, Sampling, body, fit_tracks, supplied
 from form_drake.records import Recording
-from form_drake.weak.fields import Fields
+from form_drake.weak.fields import AxialFields, Fields
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
@@ -80,11 +80,25 @@ def _mirrors(recording: Recording, fit: Fit, fields: Sequence[Fields]) -> list[i
     if recording.pressure is not None or recording.body_force is not None:
         return []
     gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity)
-    return [
-        a
-        for a in fit.space.symmetry.mirrors
-        if gravity[a] == 0.0 and all(a in family.mirrors for family in fields)
-    ]
+    return [a for a in fit.space.symmetry.mirrors if gravity[a] == 0.0 and _even(fit, fields, a)]
+
+
+def _even(fit: Fit, fields: Sequence[Fields], axis: int) -> bool:
+    """Whether all fields stay as they are when mirrored along an axis about the middle of the body."""
+    ends = fit.space.scalar.axes[axis].breaks
+    middle, near = 0.5 * (ends[0] + ends[-1]), 1e-9 * (ends[-1] - ends[0])
+    return all(
+        axis in getattr(family, "mirrors", ())
+        and not (
+            isinstance(family, AxialFields) and abs(float(family.origin[axis]) - middle) > near
+        )
+        for family in fields
+    )
+
+
+def mirrored(fit: Fit, fields: Sequence[Fields]) -> bool:
+    """Whether all fields share the mirrors of a fit, so that none is the image of another."""
+    return all(_even(fit, fields, a) for a in fit.space.symmetry.mirrors)
 
 
 def _cells(
