@@ -96,14 +96,13 @@ def noise_bias(
     for _ in range(draws):
         drawn = [p.drawn(rng) for p in problem.probes]
         (up, down), part = pair(drawn, 1.0)
-        change = by.white(0.5 * (up[0] - down[0]) / part)
+        change = 0.5 * (up[0] - down[0]) / part
         noise += change.T @ change / draws
         shifts.append((0.5 * (up[1] + down[1]) - still) / part**2)
     if count:
-        white = by.white(columns)
-        share, directions = eigh(noise, white.T @ white)
+        share, directions = eigh(noise, columns.T @ columns)
         if share[-1] > LARGEST_NOISE:
-            weight = np.abs(directions[:, -1]) * np.linalg.norm(white, axis=0)
+            weight = np.abs(directions[:, -1]) * np.linalg.norm(columns, axis=0)
             lost = [k for k, w in zip(unknowns.keys, weight, strict=True) if w > 0.3 * weight.max()]
             raise Unidentifiable.of(unknowns.law, _named(unknowns, lost), "noise hides them")
     return np.mean(shifts, axis=0)
