@@ -21,31 +21,24 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import (
-    deformable,
-    positions,
-    probes,
-    rubber,
-    speed,
-    table2,
-    table2_weak,
-    weak_form,
-)
 from form_drake.laws import LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
 from form_drake.records import Camera, Recording, Solver, States, Stream, Wall, write_recording
 
 DOCS = Path(__file__).parent
+BENCHES = (
+    "table2",
+    "table2-weak",
+    "positions",
+    "speed",
+    "rubber",
+    "weak-form",
+    "probes",
+    "deformable",
+)
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
-    "table2": table2.table,
-    "table2-weak": table2_weak.table,
-    "positions": positions.table,
-    "speed": speed.table,
-    "rubber": rubber.table,
-    "weak-form": weak_form.table,
-    "probes": probes.table,
-    "deformable": deformable.table,
+    name: import_module(f"form_drake.bench.{name.replace('-', '_')}").table for name in BENCHES
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}

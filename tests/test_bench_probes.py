@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from form_drake.bench.cases import PACKAGE
+from form_drake.bench.oracles import laboratory_noise
 from form_drake.bench.probes import (
     changes,
     finite_elements,
-    noisy,
     planned,
     planned_cases,
     run_probes,
@@ -75,12 +75,12 @@ def test_a_motion_is_simulated_once(kept, monkeypatch):
     monkeypatch.setattr("form_drake.systems.probe.record", None)  # would fail if called
     again = motions.recording("press_b", COARSE)
     assert np.array_equal(first.p_WQ, again.p_WQ)
-    disturbed = noisy(first, 3)
+    disturbed = laboratory_noise(first, np.random.default_rng(3))
     assert np.std(disturbed.p_WQ - first.p_WQ) == pytest.approx(20e-6, rel=0.02)
     force, exact = (r.forces["press_plate"].value for r in (disturbed, first))
     largest = np.linalg.norm(exact, axis=1).max()
     assert np.std(force - exact) == pytest.approx(0.01 * largest, rel=0.05)
-    assert np.array_equal(noisy(first, 3).p_WQ, disturbed.p_WQ)
+    assert np.array_equal(laboratory_noise(first, np.random.default_rng(3)).p_WQ, disturbed.p_WQ)
 
 
 def test_the_solver_s_own_stress_closes_the_balance(pressed):

@@ -4,7 +4,7 @@
 lie in ``tests/data/deformable``. Linear tetrahedra are too stiff, so that each mesh is held against the
 apparent modulus that its own force over its own stroke shows, and the meshes together, extrapolated to
 no spacing, against the modulus that Drake was given. Meshes still coarser (7.5 and 6 mm, four cells
-across) were tried and left out: there the difference is -3.9 % and +6.4 %.
+across) were tried and left out: there the goal is missed.
 """
 
 from functools import partial

@@ -8,7 +8,6 @@ finer grids, and those to motions that finite elements have made.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,18 +16,15 @@ import numpy as np
 
 from form_drake.bench import oracles, weak_form
 from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
-from form_drake.bench.oracles import ORACLES
+from form_drake.bench.oracles import ORACLES, laboratory_noise
 from form_drake.bench.probes_grid import SPACINGS, on_grid
 from form_drake.bench.probes_motions import Motions, code, errors
 from form_drake.bench.probes_tables import FINITE_KINDS, GOALS, table
 from form_drake.identify import Unidentifiable, identify
-from form_drake.records import Recording, Stream
 
 NAMED = ("press_a", "press_b", "bend_a", "bend_b")
 SPECIMENS = 10
 SEEDS = 20
-NOISE = 20e-6  # of tracked points [m]
-FORCE_NOISE = 0.01  # of the largest force
 STIFFNESS, STRENGTH, POISSON = (20e3, 300e3), (0.01, 0.15), (0.30, 0.45)
 OWN_WEIGHT = 3.0  # least uniaxial yield stress over rho g H
 NORMAL_90 = 1.645
@@ -71,17 +67,6 @@ def planned_cases(specimens: int) -> dict[str, tuple[str, tuple[str, ...]]]:
     return cases
 
 
-def noisy(recording: Recording, seed: int) -> Recording:
-    """With 20 um on every coordinate and 1 % of the largest force on the force."""
-    rng = np.random.default_rng((seed, 1))
-    p_WQ = recording.p_WQ + rng.normal(0.0, NOISE, recording.p_WQ.shape)
-    forces = {}
-    for name, stream in recording.forces.items():
-        sd = FORCE_NOISE * float(np.linalg.norm(stream.value, axis=1).max())
-        forces[name] = Stream(stream.time, stream.value + rng.normal(0.0, sd, stream.value.shape))
-    return replace(recording, p_WQ=p_WQ, forces=forces)
-
-
 def without_noise(
     motions: Motions, name: str, made: tuple[str, ...], with_twin: bool
 ) -> dict[str, Any]:
@@ -111,7 +96,8 @@ def with_noise(motions: Motions, name: str, made: tuple[str, ...], seeds: int) -
     refused = 0
     for seed in range(seeds):
         try:
-            found.append(errors(identify(noisy(recording, seed), method="weak"), true))
+            noisy = laboratory_noise(recording, np.random.default_rng(seed))
+            found.append(errors(identify(noisy, method="weak"), true))
         except Unidentifiable:
             refused += 1
     sizes = {k: np.abs([f[k]["error"] for f in found]) for k in (found[0] if found else ())}

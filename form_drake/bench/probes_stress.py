@@ -1,8 +1,8 @@
-"""The solver's own stress in the rows of the identification: what the simulator itself is wrong by.
+"""The solver's own stress in the balance of the identification: what the simulator itself is wrong by.
 
 The probe is simulated once more and all particles are quadrature points: their positions, velocities
 and Kirchhoff stresses stand in the test fields and windows that the identification chooses for its
-recording. The factor by which that stress has to be scaled for the balance of momentum to close is
+recording (each contraction of a pressed block by itself, also where it takes their mean). The factor by which that stress has to be scaled for the balance of momentum to close is
 the error that a perfect reading of the motion would be left with. No fit of tracks is in it.
 """
 
@@ -91,7 +91,7 @@ class Particles:
         """Sums at snapshots with stamps [s], shape [frames]."""
         motion = self._motion(stamps - self.recording.time[0], snapshots)
         T = np.array([s.state.tau[self.free] for s in snapshots], dtype=float)
-        fields = same_fields(self.recording, motion)
+        fields = like_fields(self.recording, motion)
         gravity = np.asarray(self.recording.gravity) / self.recording.mass_scale
         found = balance(fields, motion, gravity)
         return Integrals(
@@ -129,8 +129,8 @@ def yielding(T: np.ndarray, material: Material) -> np.ndarray:
     return found
 
 
-def same_fields(recording: Recording, motion: Motion) -> Fields:
-    """Those that the identification chooses, between the faces of the particles themselves."""
+def like_fields(recording: Recording, motion: Motion) -> Fields:
+    """As the identification chooses them, between the faces of the particles themselves."""
     shape = body(recording)
     return (bend(recording, shape) or [_axial(recording, shape, motion)])[0]
 

@@ -17,7 +17,7 @@ GOALS: dict[str, Any] = {  # largest errors and changes [%]
 TITLES = {
     "exact": "exact tracks: error [%]",
     "twin": "exact tracks, with the twin: error [%]",
-    "own-stress": "the solver's own stress at all particles in the same rows: error [%] of E before"
+    "own-stress": "the solver's own stress at all particles in the balance: error [%] of E before"
     " anything yields, of tau_y while most of the body does, and of all rows",
     "dx": "exact tracks from three grids: error [%], force at the largest stroke, and the closed"
     " form sqrt(3/2) tau_y V / H",

@@ -53,9 +53,8 @@ class BendFields:
     def tools(self) -> tuple[str, ...]:
         return (self.tool,)
 
-    @property
-    def mirrors(self) -> tuple[int, ...]:
-        return (3 - self.axis - self.push,)
+    def even(self, axis: int, middle: float, near: float) -> bool:
+        return axis == 3 - self.axis - self.push  # wherever the middle: every section has its own
 
     @property
     def normal(self) -> np.ndarray:

@@ -33,7 +33,6 @@ class CurlFields:
     names: tuple[str, ...] = field(repr=False)
     material: bool = True
     fixed: bool = False
-    mirrors: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, body: Body) -> "CurlFields":

@@ -6,7 +6,7 @@ one does. Material fields are functions of the stress-free position X alone; spa
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -40,8 +40,6 @@ class Fields(Protocol):
         material: gradients are those along X (see ``Sampled``).
         fixed: material fields that no motion changes.
         tools: those whose force the fields see.
-        mirrors: axes along which they may be mirrored about the middle of the body and stay as
-            they are.
     """
 
     @property
@@ -61,9 +59,6 @@ class Fields(Protocol):
     @property
     def tools(self) -> tuple[str, ...]: ...
 
-    @property
-    def mirrors(self) -> tuple[int, ...]: ...
-
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         """Value of every field where each tool acts, shape [times, fields, 3]."""
         ...
@@ -74,6 +69,15 @@ class Fields(Protocol):
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         """Which fields may be used while held faces are at these points [m], shape [fields]."""
+        ...
+
+
+@runtime_checkable
+class Mirrored(Protocol):
+    """Fields that some mirrors of the body leave as they are."""
+
+    def even(self, axis: int, middle: float, near: float) -> bool:
+        """Whether they stay as they are when mirrored along an axis about ``middle`` (within ``near``) [m]."""
         ...
 
 
@@ -95,7 +99,6 @@ class BoxFields:
     ends: dict[str, np.ndarray] = field(repr=False)
     material: bool = True
     fixed: bool = True
-    mirrors: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -261,9 +264,8 @@ class AxialFields:
     def tools(self) -> tuple[str, ...]:
         return (self.tool,)
 
-    @property
-    def mirrors(self) -> tuple[int, ...]:
-        return tuple(a for a in range(3) if a != self.axis)
+    def even(self, axis: int, middle: float, near: float) -> bool:
+        return axis != self.axis and abs(float(self.origin[axis]) - middle) <= near
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         end = np.zeros((len(motion.time), len(self.names), 3))

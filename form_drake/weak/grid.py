@@ -26,7 +26,6 @@ class GridFields:
     breaks: tuple[np.ndarray, ...]
     material: bool = False
     fixed: bool = False
-    mirrors: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

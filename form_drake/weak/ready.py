@@ -7,7 +7,7 @@ import numpy as np
 
 from form_drake.motion import Body, Fit, Sampling, body, fit_tracks, supplied
 from form_drake.records import Recording
-from form_drake.weak.fields import AxialFields, Fields
+from form_drake.weak.fields import Fields, Mirrored
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
@@ -87,13 +87,7 @@ def _even(fit: Fit, fields: Sequence[Fields], axis: int) -> bool:
     """Whether all fields stay as they are when mirrored along an axis about the middle of the body."""
     ends = fit.space.scalar.axes[axis].breaks
     middle, near = 0.5 * (ends[0] + ends[-1]), 1e-9 * (ends[-1] - ends[0])
-    return all(
-        axis in getattr(family, "mirrors", ())
-        and not (
-            isinstance(family, AxialFields) and abs(float(family.origin[axis]) - middle) > near
-        )
-        for family in fields
-    )
+    return all(isinstance(f, Mirrored) and f.even(axis, middle, near) for f in fields)
 
 
 def mirrored(fit: Fit, fields: Sequence[Fields]) -> bool:
