@@ -13,7 +13,7 @@ import pytest
 from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.identify import WeakOptions
 from form_drake.laws import law_named
-from form_drake.motion import Frame, Sampling, body, fit_tracks
+from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import AxialFields
@@ -80,10 +80,10 @@ def test_every_pressure_cancels_against_curls(exact):
     sampling = Sampling.of(fit, np.linspace(0.1, 0.3, 3), X, volume, 1000.0)
     motion = replace(sampling, hessian=fit.space.scalar.hessian(X)).motion(fit.c)
     # field by field and point by point, not only after integration
-    sampled = fields.at(motion.frame(1))
-    along_x = sampled.gradient @ motion.inverse[1]
+    sampled = fields.at(motion)
+    along_x = sampled.gradient @ motion.inverse[:, None]
     size = np.abs(along_x).max()
-    np.testing.assert_allclose(np.trace(along_x, axis1=2, axis2=3), 0.0, atol=1e-12 * size)
+    np.testing.assert_allclose(np.trace(along_x, axis1=3, axis2=4), 0.0, atol=1e-12 * size)
     p = np.random.default_rng(0).standard_normal(motion.J.shape)  # as rough as can be
     pressure = (p * motion.J)[..., None, None] * np.eye(3)
     rows = balance(fields, motion, np.zeros(3)).stress(pressure, np.eye(3))
@@ -106,20 +106,23 @@ def test_axial_fields_follow_both_ends_and_keep_the_volume():
         breaks=(),
     )
     x = np.random.default_rng(0).uniform(0.0, 0.03, (20, 3))
-    none = np.zeros((20, 3, 3))
 
-    def at(t, x):
-        return fields.at(Frame(t, x, x, x, none, none, None))
+    def at(times, x):
+        still = np.broadcast_to(x, (len(times), *x.shape))
+        none = np.zeros((*still.shape, 3))
+        one = np.ones(len(x))
+        return fields.at(Motion(np.array(times), x, still, still, none, none, one, one))
 
     h = 1e-6
-    now = at(0.5, x)
-    rate = (at(0.5 + h, x).value - at(0.5 - h, x).value) / (2 * h)
-    np.testing.assert_allclose(now.rate, rate, atol=1e-6 * np.abs(rate).max())
-    np.testing.assert_allclose(np.trace(now.gradient, axis1=2, axis2=3), 0.0, atol=1e-9)
+    before, after = at((0.5 - h, 0.5 + h), x).value
+    rate = (after - before) / (2 * h)
+    np.testing.assert_allclose(at([0.5], x).rate[0], rate, atol=1e-6 * np.abs(rate).max())
+    gradient = at([0.5], x).gradient[0]
+    np.testing.assert_allclose(np.trace(gradient, axis1=2, axis2=3), 0.0, atol=1e-9)
     ends = np.array(
         [[0.003, 0.001, 0.01 * 0.25], [0.003, 0.001, 0.01 * 0.25 + 0.02 + 0.01 * np.sin(0.5)]]
     )
-    found = fields.at(Frame(0.5, ends, ends, ends, none[:2], none[:2], None)).value
+    found = at([0.5], ends).value[0]
     np.testing.assert_allclose(found[:, 0], 0.0, atol=1e-12)  # where an unknown force holds it
     np.testing.assert_allclose(found[:, 1], np.tile([0.0, 0.0, 1.0], (4, 1)), atol=1e-12)
 

@@ -9,7 +9,6 @@ inside the holds then see exactly the table.
 import csv
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from form_drake.identify import WeakOptions
 from form_drake.laws import Law, Values
-from form_drake.motion import Frame, Motion
+from form_drake.motion import Motion
 from form_drake.records import Recording, Stream
 from form_drake.weak.fields import Sampled
 from form_drake.weak.stress import unit_stresses
@@ -217,27 +216,17 @@ class Homogeneous:
         times = len(motion.time)
         return {k: np.tile(self.weight * share, (times, 1, 1)) for k, share in shares.items()}
 
-    @cached_property
-    def _moments(self) -> dict[float, tuple[np.ndarray, float]]:
-        return {}
-
-    def _moment(self, time: float) -> tuple[np.ndarray, float]:
-        """Gradient [1/m] and rate of growth [1/s] at a moment [s]."""
-        if time not in self._moments:
-            mode = MODES[self.curve.mode]
-            near = np.clip(np.array([time - STEP, time, time + STEP]), 0.0, None)
-            a, b, c = mode.driven(self.curve.driven(near)[0])
-            rate = -(c - a) / (near[2] - near[0]) / b
-            self._moments[time] = self.weight * mode.virtual / (b * SIDE), float(rate)
-        return self._moments[time]
-
-    def at(self, frame: Frame) -> Sampled:
-        """The field at the points of a frame."""
-        G, rate = self._moment(frame.time)
-        value = (frame.x @ G.T)[None]
-        gradient = np.empty((1, len(frame.x), 3, 3))
-        gradient[:] = G
-        return Sampled(value, gradient, rate * value)
+    def at(self, motion: Motion) -> Sampled:
+        """The field at all points and times of a motion."""
+        mode = MODES[self.curve.mode]
+        near = [np.clip(motion.time + step, 0.0, None) for step in (-STEP, 0.0, STEP)]
+        a, b, c = (mode.driven(self.curve.driven(t)[0]) for t in near)
+        rate = -(c - a) / (near[2] - near[0]) / b
+        G = self.weight * mode.virtual / (b * SIDE)[:, None, None]
+        value = motion.x @ G.swapaxes(1, 2)
+        shape = (len(motion.time), 1, *motion.F.shape[1:])
+        gradient = np.broadcast_to(G[:, None, None], shape)
+        return Sampled(value[:, None], gradient, (rate[:, None, None] * value)[:, None])
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         """It works on no unknown force in any window."""

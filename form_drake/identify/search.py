@@ -7,12 +7,10 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
-from form_drake.laws.values import finite
 from form_drake.motion import Motion
 from form_drake.weak.probe import Probe
-from form_drake.weak.solve import Solution, Weights, bounded
+from form_drake.weak.solve import Solution, Weights, bounded, solved
 from form_drake.weak.stress import strain_over_radius
 from form_drake.weak.system import Row, WeakSystem, stacked
 from form_drake.weak.unknowns import Unknowns
@@ -21,7 +19,11 @@ Level = Literal["borne", "row", "probe"]
 Rows = tuple[np.ndarray, np.ndarray]  # A, b
 Drawn = tuple[np.ndarray, dict[str, np.ndarray]]  # noise of coefficients [m] and of forces [N]
 
-GRID = 19
+GRID = 17  # values in the scan of one nonlinear constant
+FEW = 4  # of each, where there are several
+ROUNDS, HALVINGS = 12, 8  # of steps, and of one step
+LONGEST = 0.7  # step of a logarithm
+CLOSE = 1e-4  # the last one
 SHAPE_SPAN = 300.0  # either way from the first guess of a shape constant
 YIELD_SPAN = 300.0  # below the largest elastic strain that the motion could hold
 DIFFERENCE = 1e-3  # of the logarithm of a nonlinear constant
@@ -63,7 +65,9 @@ class Problem:
 
     @cached_property
     def coarser(self) -> "Problem":
-        """The same problem with integrals over fewer points."""
+        """The same problem with integrals over fewer points, or itself where there are none."""
+        if all(p.sampling is p.rough for p in self.probes):
+            return self
         return replace(self, probes=tuple(p.coarser for p in self.probes))
 
     def coordinates(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -193,25 +197,58 @@ class Problem:
         return np.where([k in signed for k in keys], -np.inf, level)
 
     def searched(self, by: Weights, start: np.ndarray | None = None) -> np.ndarray:
-        """The logarithms of the nonlinear constants that leave the least residual."""
-        if not self.ranges:
-            return np.zeros(0)
+        """The logarithms of the nonlinear constants that leave the least residual.
 
-        def left(eta: np.ndarray) -> float:
-            r = by.white(bounded(*self.reduced(*self.rows(eta)), by, least).residual)
-            return float(r @ r)
+        Gauss-Newton steps of the projected residual (Kaufman's variable projection), whose slopes
+        are those of the coarser problem.
 
+        Args:
+            by: weights of the rows.
+            start: where the search starts; None: at the best of a coarse scan.
+        """
+        eta = self.coarser._scanned(by) if start is None else start
+        if not len(eta):
+            return eta
+        low, high = np.log(np.array(self.ranges)).T
+        left = self._left(eta, by)
+        for _ in range(ROUNDS):
+            step = np.clip(self._step(eta, by), -LONGEST, LONGEST)
+            new = np.clip(eta + step, low, high)
+            if np.abs(new - eta).max() < CLOSE:
+                return np.asarray(new)
+            for _ in range(HALVINGS):
+                found = self._left(new, by)
+                if found <= left:
+                    break
+                new = 0.5 * (eta + new)
+            else:
+                return eta
+            eta, left = new, found
+        return eta
+
+    def _scanned(self, by: Weights) -> np.ndarray:
+        """The best of some values of the nonlinear constants."""
+        count = GRID if len(self.ranges) == 1 else FEW
+        sides = [np.linspace(np.log(a), np.log(z), count + 2)[1:-1] for a, z in self.ranges]
+        return min((np.array(p) for p in product(*sides)), key=lambda eta: self._left(eta, by))
+
+    def _solved(self, eta: np.ndarray, by: Weights) -> tuple[Solution, np.ndarray]:
+        """Solution at exp(eta), and which coefficients are off the bound of their sign."""
         signed = {t.key for t in self.unknowns.law.terms if t.signed}
         least = np.where([k in signed for k in self.unknowns.keys], -np.inf, 0.0)
+        found = bounded(*self.reduced(*self.rows(eta)), by, least)
+        return found, found.theta > least
 
-        spans = np.log(np.array(self.ranges))
-        if len(spans) == 1:
-            return np.array([_line(left, spans[0], start)])
-        if start is None:
-            corners = [np.linspace(np.log(r[0]), np.log(r[1]), 7)[1:-1:2] for r in self.ranges]
-            start = min((np.array(p) for p in product(*corners)), key=left)
-        found = minimize(left, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-9})
-        return np.asarray(found.x, dtype=float)
+    def _left(self, eta: np.ndarray, by: Weights) -> float:
+        r = by.white(self._solved(eta, by)[0].residual)
+        return float(r @ r)
+
+    def _step(self, eta: np.ndarray, by: Weights) -> np.ndarray:
+        found, free = self._solved(eta, by)
+        theta = self.unknowns.theta(found.theta)
+        A = self.reduced(*self.rows(eta))[0][:, free]
+        J = np.hstack([A, self.coarser.slopes(eta, theta)])
+        return solved(J, found.residual, by).theta[A.shape[1] :]
 
     def slopes(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """d (A theta) / d eta, shape [rows, len(eta)]."""
@@ -220,27 +257,6 @@ class Problem:
             up, down = (self.rows(eta + s * step, theta)[0] @ theta for s in (1.0, -1.0))
             columns[:, n] = (up - down) / (2.0 * DIFFERENCE)
         return columns
-
-
-def _line(left: Callable[[np.ndarray], float], span: np.ndarray, start: np.ndarray | None) -> float:
-    """Scan of one constant, then a golden-section search about the best."""
-    if start is None:
-        grid = np.linspace(span[0], span[1], GRID)
-        best = float(grid[int(np.argmin([left(np.array([e])) for e in grid]))])
-        reach = grid[1] - grid[0]
-    else:
-        best, reach = float(start[0]), 0.25 * (span[1] - span[0]) / GRID
-    while True:
-        low, high = max(best - reach, span[0]), min(best + reach, span[1])
-        found = minimize_scalar(
-            lambda e: left(np.array([e])),
-            bounds=(low, high),
-            method="bounded",
-            options={"xatol": 1e-4},
-        )
-        last, best = best, finite("search", found.x)
-        if abs(best - last) < 0.9 * reach or min(best - span[0], span[1] - best) < 0.1 * reach:
-            return best
 
 
 def _borne(scale: np.ndarray, labels: Sequence[Row]) -> np.ndarray:

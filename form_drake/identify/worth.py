@@ -14,7 +14,10 @@ from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Unknowns
 
 LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
-LARGEST_SHARE = 0.5  # of the observed stress that one deviation of a parameter may contribute
+# what one deviation of a parameter may be: a share of the observed stress, or a logarithm of a
+# nonlinear constant; and the part of that above which others are named beside one that is lost
+LARGEST_SHARE, LARGEST_LOG = 0.5, 1.0
+BESIDE = 0.2
 
 
 def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution) -> None:
@@ -30,14 +33,12 @@ def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution
         size = np.abs(system.sizes * unknowns.theta(phi)).sum(axis=1)
     level = float(np.sqrt(np.mean(size**2)))
     own = np.sqrt(np.mean((system.sizes @ np.abs(unknowns.M)) ** 2, axis=0))
-    lost = [
-        k
-        for k, s, o in zip(unknowns.keys, deviation, own, strict=False)
-        if s * o > LARGEST_SHARE * level
-    ]
-    spread = deviation[len(phi) :]
-    lost += [k for k, s in zip(unknowns.searched, spread, strict=True) if s > 1.0]
-    if lost:
+    worth = np.append(
+        deviation[: len(phi)] * own / (LARGEST_SHARE * level), deviation[len(phi) :] / LARGEST_LOG
+    )
+    if worth.max() > 1.0:
+        keys = (*unknowns.keys, *unknowns.searched)
+        lost = [k for k, w in zip(keys, worth, strict=True) if w > BESIDE]
         raise Unidentifiable.of(unknowns.law, _named(unknowns, lost))
 
 

@@ -2,6 +2,6 @@
 
 from form_drake.motion.body import Body, Face, body
 from form_drake.motion.fit import Fit, fit_tracks, supplied
-from form_drake.motion.motion import Frame, Motion, Sampling
+from form_drake.motion.motion import Motion, Sampling
 
-__all__ = ["Body", "Face", "Fit", "Frame", "Motion", "Sampling", "body", "fit_tracks", "supplied"]
+__all__ = ["Body", "Face", "Fit", "Motion", "Sampling", "body", "fit_tracks", "supplied"]

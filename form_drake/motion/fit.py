@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press
@@ -28,11 +28,11 @@ FOLLOWED = 0.1
 
 @dataclass(frozen=True)
 class Spread:
-    """An independent part of the error of a fit, diag(scale) z time_root^T with z white, in the
+    """An independent part of the error of a fit, (scale z) time_root^T with z white, in the
     functions of ``Fit.roots``.
 
     Attributes:
-        scale: shape [space.size].
+        scale: shape [space.size, moments or 1].
         time_root: [m], shape [time.size, moments].
     """
 
@@ -70,7 +70,7 @@ class Fit:
         white = np.zeros((self.space.size, self.time.size))
         for part in self.spread:
             z = rng.standard_normal((self.space.size, part.time_root.shape[1]))
-            white += part.scale[:, None] * (z @ part.time_root.T)
+            white += (part.scale * z) @ part.time_root.T
         return self.space.tied(_by_root(self.space, self.roots, white))
 
     def describe(self) -> dict[str, object]:
@@ -127,12 +127,14 @@ def fit_tracks(
     count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
     misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
     z, shares, series = _smoothed(z, roughness, follow)
-    parts = [Spread(np.sqrt(shares[0]), noise * back)]
-    for share, one in zip(shares[1:], series.T, strict=True):
-        parts.append(Spread(np.sqrt(share - shares[0]), noise * back @ one[:, None]))
+    rest, own = shares[0][:, None], np.array(shares[1:]).T
+    parts = (
+        Spread(np.sqrt(rest), noise * back),
+        Spread(np.sqrt(own - rest), noise * back @ series),
+    )
     c = space.tied(_by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
-    return Fit(space, splines, c, noise, misfit, held, roots, tuple(parts))
+    return Fit(space, splines, c, noise, misfit, held, roots, parts)
 
 
 def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:
@@ -203,16 +205,17 @@ def _projected(
     share no roughness.
     """
     Phi, seen = space.scalar.matrix(X), np.sqrt(valid.mean(axis=0))
-    white, roots, roughness = [], [], []
-    for block in space.blocks:
-        D = block.matrix(Phi)
-        y = np.linalg.solve(space.normal(D, block), paired(D, u[:, :, block.axes]))
-        factor = np.linalg.cholesky(space.normal(D * seen[:, None, None], block))
+    found = {}
+    for group in space.alike:
+        D = group[0].matrix(Phi)
+        solver = cho_factor(space.normal(D, group[0]))
+        factor = np.linalg.cholesky(space.normal(D * seen[:, None, None], group[0]))
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
-        own, turn = np.linalg.eigh(inverse @ space.roughness(block) @ inverse.T)
-        white.append(turn.T @ (factor.T @ y))
-        roots.append(inverse.T @ turn)
-        roughness.append(np.maximum(own, 0.0))
+        own, turn = np.linalg.eigh(inverse @ space.roughness(group[0]) @ inverse.T)
+        for block in group:
+            y = cho_solve(solver, paired(D, u[:, :, block.axes]))
+            found[block.axes] = turn.T @ (factor.T @ y), inverse.T @ turn, np.maximum(own, 0.0)
+    white, roots, roughness = zip(*(found[block.axes] for block in space.blocks), strict=True)
     return np.concatenate(white).T, tuple(roots), np.concatenate(roughness)
 
 

@@ -64,16 +64,17 @@ def press(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> floa
         np.linalg.LinAlgError: a dependent basis.
     """
     Phi, square = space.scalar.matrix(X), np.zeros(len(X))
-    for block in space.blocks:
-        D = block.matrix(Phi)
-        root = np.linalg.cholesky(space.normal(D, block))
-        Q = solve_triangular(root, D.reshape(-1, block.size).T, lower=True).T
-        own = u[:, :, block.axes].transpose(1, 2, 0)
+    for group in space.alike:
+        D = group[0].matrix(Phi)
+        root = np.linalg.cholesky(space.normal(D, group[0]))
+        Q = solve_triangular(root, D.reshape(-1, group[0].size).T, lower=True).T
+        own = np.concatenate([u[:, :, block.axes].transpose(1, 2, 0) for block in group], axis=2)
         flat = own.reshape(len(Q), -1)
         rest = (flat - Q @ (Q.T @ flat)).reshape(own.shape)
         R = Q.reshape(D.shape)
-        left = (1.0 + 1e-9) * np.eye(len(block.axes)) - R @ R.swapaxes(1, 2)
-        square += np.sum((np.linalg.solve(left, rest) * valid.T[:, None]) ** 2, axis=(1, 2))
+        left = (1.0 + 1e-9) * np.eye(D.shape[1]) - R @ R.swapaxes(1, 2)
+        seen = np.tile(valid.T, len(group))[:, None]
+        square += np.sum((np.linalg.solve(left, rest) * seen) ** 2, axis=(1, 2))
     square /= np.maximum(3.0 * valid.sum(axis=0), 1.0)
     return float(np.sqrt(np.mean(np.sort(square)[: int(KEPT * len(square))])))
 
@@ -183,14 +184,17 @@ class _Bases:
         held = [f.condition == "bonded" for f in body.faces]
         self._held = [(held[2 * n], held[2 * n + 1]) for n in range(3)]
         self._known: dict[tuple[tuple[int, ...], Symmetry], float] = {}
+        self._tensors: dict[tuple[int, ...], Tensor] = {}
 
     def space(self, rungs: tuple[int, ...], symmetry: Symmetry) -> Space:
         """The basis at a step of the ladder along every axis."""
-        a, b, c = (
-            Splines.graded(self._body.low[n], self._body.high[n], *LADDER[r], self._held[n])
-            for n, r in enumerate(rungs)
-        )
-        return Space(Tensor((a, b, c)), symmetry)
+        if rungs not in self._tensors:
+            a, b, c = (
+                Splines.graded(self._body.low[n], self._body.high[n], *LADDER[r], self._held[n])
+                for n, r in enumerate(rungs)
+            )
+            self._tensors[rungs] = Tensor((a, b, c))
+        return Space(self._tensors[rungs], symmetry)
 
     def error(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
         """Error at left-out tracks [m]; infinite for more functions than the tracks could tell."""
@@ -198,13 +202,11 @@ class _Bases:
         if key not in self._known:
             X, u, valid = self._tracks
             space = self.space(rungs, symmetry)
-            few = space.size <= 3.0 * LARGEST * len(X) and space.scalar.size <= FINEST * len(X)
-            small = few and all(
-                s.size <= n for s, n in zip(space.scalar.axes, self._places, strict=True)
-            )
+            told = zip(space.scalar.axes, self._places, strict=True)
+            few = space.scalar.size <= FINEST * len(X) and all(s.size <= n for s, n in told)
             self._known[key] = np.inf
             with suppress(np.linalg.LinAlgError):
-                if small:
+                if few and space.size <= 3.0 * LARGEST * len(X):
                     self._known[key] = press(space, X, filled(space, X, u, valid), valid)
         return self._known[key]
 

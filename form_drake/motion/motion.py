@@ -1,24 +1,12 @@
 """The motion of a body: what the momentum balance reads, at quadrature points and over time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from form_drake.motion.fit import Fit
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A motion at one time; shapes as in ``Motion`` without the times."""
-
-    time: float
-    X: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    F: np.ndarray
-    L: np.ndarray
-    second: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -51,12 +39,11 @@ class Motion:
     body_force: np.ndarray | None = None
     second: np.ndarray | None = None
 
-    def frame(self, n: int) -> Frame:
-        """The motion at its n-th time."""
-        second = None if self.second is None else self.second[n]
-        return Frame(
-            float(self.time[n]), self.X, self.x[n], self.v[n], self.F[n], self.L[n], second
-        )
+    def at(self, times: np.ndarray | slice) -> "Motion":
+        """The motion at some of its times, by their indices."""
+        along = ("time", "x", "v", "F", "L", "pressure", "body_force", "second")
+        values = {name: getattr(self, name) for name in along}
+        return replace(self, **{k: v[times] for k, v in values.items() if v is not None})
 
     @cached_property
     def inverse(self) -> np.ndarray:
@@ -101,7 +88,7 @@ class Sampling:
         value: spatial basis, shape [points, space].
         gradient: its gradient [1/m], shape [points, space, 3].
         series: temporal basis, shape [times, series].
-        rate: its derivative [1/s], shape [times, series].
+        rate: its derivative [1/s], of the same shape.
         pressure: as in ``Motion``.
         body_force: as in ``Motion``.
         hessian: second derivatives of the spatial basis [1/m^2], shape [points, space, 3, 3]; None:
@@ -114,8 +101,8 @@ class Sampling:
     density: float
     value: np.ndarray
     gradient: np.ndarray
-    series: np.ndarray
-    rate: np.ndarray
+    series: sparse.csr_array
+    rate: sparse.csr_array
     pressure: np.ndarray | None = None
     body_force: np.ndarray | None = None
     hessian: np.ndarray | None = None
@@ -125,39 +112,44 @@ class Sampling:
         cls, fit: Fit, time: np.ndarray, X: np.ndarray, volume: np.ndarray, density: float
     ) -> "Sampling":
         """The bases of ``fit`` at points X and times (counted from its first frame)."""
-        series, rate = fit.time.matrix(time), fit.time.matrix(time, 1)
+        series, rate = (sparse.csr_array(fit.time.matrix(time, d)) for d in (0, 1))
         scalar = fit.space.scalar
         value, gradient = scalar.matrix(X), scalar.gradient(X)
         return cls(time, X, volume, density, value, gradient, series, rate)
 
     def motion(self, c: np.ndarray) -> Motion:
         """The motion with coefficients ``c`` [m], shape [space, 3, series]."""
-        now = np.einsum("aib,tb->tia", c, self.series, optimize=True)
-        rate = np.einsum("aib,tb->tia", c, self.rate, optimize=True)
-        F = np.eye(3) + self._spread(now, self.gradient)
+        u, G = self._spread(c, self.value), self._spread(c, self.gradient)
+        F = np.eye(3) + self._at(self.series, G)
         hessian = self.hessian
         return Motion(
             time=self.time,
             X=self.X,
-            x=self.X + self._spread(now, self.value),
-            v=self._spread(rate, self.value),
+            x=self.X + self._at(self.series, u),
+            v=self._at(self.rate, u),
             F=F,
-            L=self._spread(rate, self.gradient) @ inverse(F),
+            L=self._at(self.rate, G) @ inverse(F),
             volume=self.volume,
             mass=self.density * self.volume,
             pressure=self.pressure,
             body_force=self.body_force,
-            second=None if hessian is None else self._spread(now, hessian),
+            second=None if hessian is None else self._at(self.series, self._spread(c, hessian)),
         )
 
     def _spread(self, c: np.ndarray, basis: np.ndarray) -> np.ndarray:
-        """Sums of functions at the points, shape [times, points, 3, ...], as one matrix product.
+        """Series of every point, shape [series, points, 3, ...].
 
         Args:
-            c: coefficients, shape [times, 3, space].
+            c: coefficients, shape [space, 3, series].
             basis: shape [points, space, ...].
         """
         flat = np.moveaxis(basis, 1, 0).reshape(basis.shape[1], -1)
-        found = (c.reshape(-1, len(flat)) @ flat).reshape(*c.shape[:2], len(basis), -1)
-        spread = np.ascontiguousarray(found.swapaxes(1, 2))
-        return spread.reshape(*spread.shape[:3], *basis.shape[2:])
+        found = c.transpose(2, 1, 0).reshape(-1, len(flat)) @ flat
+        found = found.reshape(c.shape[2], 3, len(basis), -1).swapaxes(1, 2)
+        return found.reshape(*found.shape[:3], *basis.shape[2:])
+
+    @staticmethod
+    def _at(series: sparse.csr_array, values: np.ndarray) -> np.ndarray:
+        """Values at all times, shape [times, points, 3, ...]."""
+        found: np.ndarray = series @ values.reshape(len(values), -1)
+        return found.reshape(-1, *values.shape[1:])

@@ -142,6 +142,19 @@ class Space:
             found.append(Block(axes, ties))
         return tuple(found)
 
+    @cached_property
+    def alike(self) -> tuple[tuple[Block, ...], ...]:
+        """Blocks whose components have the same functions, together."""
+        groups: list[list[Block]] = []
+        for block in self.blocks:
+            for group in groups:
+                if _same(block, group[0]):
+                    group.append(block)
+                    break
+            else:
+                groups.append([block])
+        return tuple(tuple(group) for group in groups)
+
     @property
     def size(self) -> int:
         """Number of functions of all components."""
@@ -166,6 +179,12 @@ class Space:
             for axis, tie in zip(block.axes, block.ties, strict=True):
                 c[:, axis] = tie @ own
         return c
+
+
+def _same(one: Block, other: Block) -> bool:
+    if len(one.ties) != len(other.ties) or one.size != other.size:
+        return False
+    return all((a != b).nnz == 0 for a, b in zip(one.ties, other.ties, strict=True))
 
 
 def paired(D: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Fields
 
 KEPT = 2**24  # entries of the gradients at all times, up to which they are remembered
+TOGETHER = 2**17  # entries of the gradients that are found at once
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,17 @@ def forces(motion: Motion, gravity: np.ndarray) -> np.ndarray:
     return np.broadcast_to(motion.mass[:, None] * body, motion.x.shape)
 
 
+def runs(motion: Motion, fields: Fields) -> list[slice]:
+    """Times of a motion in runs at which the gradients of fields stay in the cache."""
+    count = max(1, TOGETHER // (9 * len(fields.names) * len(motion.X)))
+    return [slice(n, n + count) for n in range(0, len(motion.time), count)]
+
+
+def _pull(motion: Motion) -> np.ndarray:
+    """V F^-T, shape [times, points, 3, 3]."""
+    return np.asarray(motion.volume[:, None, None] * motion.inverse.swapaxes(-1, -2))
+
+
 def _flat(a: np.ndarray) -> np.ndarray:
     return a.reshape(len(a), -1)
 
@@ -114,6 +126,14 @@ def _flat(a: np.ndarray) -> np.ndarray:
 def _against(weights: np.ndarray, integrand: np.ndarray) -> np.ndarray:
     """Sums over points and components, shape [times, fields]."""
     found: np.ndarray = (weights @ _flat(integrand).T).T
+    return found
+
+
+def _each(weights: np.ndarray, integrand: np.ndarray) -> np.ndarray:
+    """Sums over points and components with weights of every time, shape [times, fields]."""
+    times, fields = weights.shape[:2]
+    flat = weights.reshape(times, fields, -1) @ integrand.reshape(times, -1, 1)
+    found: np.ndarray = flat[..., 0]
     return found
 
 
@@ -127,16 +147,11 @@ class _Fixed:
 
     @cached_property
     def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        sampled = self.fields.at(self.motion.frame(0))
-        return _flat(sampled.value), _flat(sampled.gradient)
-
-    @cached_property
-    def _pull(self) -> np.ndarray:
-        """V F^-T, shape [times, points, 3, 3]."""
-        return self.motion.volume[:, None, None] * self.motion.inverse.swapaxes(-1, -2)
+        sampled = self.fields.at(self.motion.at(slice(0, 1)))
+        return _flat(sampled.value[0]), _flat(sampled.gradient[0])
 
     def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
-        found: np.ndarray = chi @ _flat(T @ self._pull) @ self._tables[1].T
+        found: np.ndarray = chi @ _flat(T @ _pull(self.motion)) @ self._tables[1].T
         return found
 
     @cached_property
@@ -145,62 +160,70 @@ class _Fixed:
         load = _against(value, forces(motion, self.gravity))
         if motion.pressure is not None:
             supplied = (motion.J * motion.pressure)[:, :, None, None]
-            load = load + _against(gradient, supplied * self._pull)
+            load = load + _against(gradient, supplied * _pull(motion))
         momentum = _against(value, motion.mass[:, None] * motion.v)
         return Rest(load, momentum, np.zeros_like(momentum))
 
 
 @dataclass(frozen=True)
 class _Moving:
-    """Fields that are sampled anew at every time."""
+    """Fields that are sampled anew at every time, some times together."""
 
     fields: Fields
     motion: Motion
     gravity: np.ndarray
 
     @cached_property
+    def _runs(self) -> list[slice]:
+        return runs(self.motion, self.fields)
+
+    @cached_property
     def _kept(self) -> dict[int, np.ndarray]:
         return {}
 
-    def _gradient(self, n: int, sampled: np.ndarray | None = None) -> np.ndarray:
-        """V grad psi along x at a time, shape [fields, 9 points]."""
-        if n in self._kept:
-            return self._kept[n]
-        motion = self.motion
-        gradient = self.fields.at(motion.frame(n)).gradient if sampled is None else sampled
+    def _gradient(self, own: slice, sampled: np.ndarray | None = None) -> np.ndarray:
+        """Gradients in a run of times, shape [times, fields, points, 3, 3]."""
+        if own.start in self._kept:
+            return self._kept[own.start]
+        if sampled is None:
+            sampled = self.fields.at(self.motion.at(own)).gradient
+        if sampled.size * len(self._runs) <= KEPT:
+            self._kept[own.start] = sampled
+        return sampled
+
+    def _met(self, tau: np.ndarray) -> np.ndarray:
+        """What a gradient meets of a Kirchhoff stress: V tau, or V tau F^-T along X."""
         if self.fields.material:
-            gradient = gradient @ motion.inverse[n]
-        found = _flat(gradient * motion.volume[:, None, None])
-        if found.size * len(motion.time) <= KEPT:
-            self._kept[n] = found
-        return found
+            return np.asarray(tau @ _pull(self.motion))
+        return np.asarray(tau * self.motion.volume[:, None, None])
 
     def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
-        found = np.stack([self._gradient(n) @ Tn.ravel() for n, Tn in enumerate(T)])
-        return np.asarray(chi @ found)
+        met = self._met(T)
+        found = [_each(self._gradient(own), met[own]) for own in self._runs]
+        return np.asarray(chi @ np.concatenate(found))
 
     @cached_property
     def rest(self) -> Rest:
-        motion, fields = self.motion, self.fields
-        shape = (len(motion.time), len(fields.names))
-        load, momentum, carried = np.empty(shape), np.empty(shape), np.zeros(shape)
+        motion, parts = self.motion, []
         weight, impulse = forces(motion, self.gravity), motion.mass[:, None] * motion.v
-        flux = (motion.mass / motion.volume)[:, None, None] * (
-            motion.v[..., :, None] * motion.v[..., None, :]
-        )
-        for n in range(len(motion.time)):
-            sampled = fields.at(motion.frame(n))
-            value, gradient = _flat(sampled.value), self._gradient(n, sampled.gradient)
-            load[n] = value @ weight[n].ravel()
-            if motion.pressure is not None:
-                supplied = (motion.J[n] * motion.pressure[n])[:, None, None] * np.eye(3)
-                load[n] += gradient @ supplied.ravel()
-            momentum[n] = value @ impulse[n].ravel()
+        flux = motion.v[..., :, None] * impulse[..., None, :]
+        supplied = None
+        if motion.pressure is not None:
+            supplied = self._met((motion.J * motion.pressure)[..., None, None] * np.eye(3))
+        for own in self._runs:
+            sampled = self.fields.at(motion.at(own))
+            gradient = self._gradient(own, sampled.gradient)
+            load = _each(sampled.value, weight[own])
+            if supplied is not None:
+                load += _each(gradient, supplied[own])
+            momentum = _each(sampled.value, impulse[own])
+            carried = np.zeros_like(momentum)
             if sampled.rate is not None:
-                carried[n] = _flat(sampled.rate) @ impulse[n].ravel()
-            if not fields.material:
-                carried[n] += gradient @ flux[n].ravel()
-        return Rest(load, momentum, carried)
+                carried += _each(sampled.rate, impulse[own])
+            if not self.fields.material:
+                carried += _each(gradient, flux[own])
+            parts.append((load, momentum, carried))
+        return Rest(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -234,8 +257,7 @@ class _Curled:
 
     def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
         (w, dw), motion = self._curls, self.motion
-        pull = motion.volume[:, None, None] * motion.inverse.swapaxes(-1, -2)
-        S = T @ pull
+        S = T @ _pull(motion)
         C = self._back @ S
         bent = np.einsum("tqic,tqiac->tqa", S, self._second, optimize=True)
         B = bent / motion.J[..., None] - (C @ self._growth)[..., 0]

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from form_drake.motion import Frame, Motion
+from form_drake.motion import Motion
 from form_drake.weak.fields import Sampled, smoothstep
 
 
@@ -55,6 +55,9 @@ class BendFields:
 
     def even(self, axis: int, middle: float, near: float) -> bool:
         return axis == 3 - self.axis - self.push  # wherever the middle: every section has its own
+
+    def exchanged(self, a: int, b: int) -> bool:
+        return False
 
     @property
     def normal(self) -> np.ndarray:
@@ -96,33 +99,28 @@ class BendFields:
             self._last[key] = (found(at) - start) * beta[:, None], whole * beta[:, None]
         return self._last[key]
 
-    def _sections(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _means(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates of the sections [m], that of every point, and the mean over each."""
         at, index = np.unique(np.round(X[:, self.axis], 12), return_inverse=True)
-        return at, index, np.bincount(index).astype(float)
+        own = index == np.arange(len(at))[:, None]
+        return at, index, own / own.sum(axis=1)[:, None]
 
-    def at(self, frame: Frame) -> Sampled:
-        at, index, count = self._sections(frame.X)
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            sums = [np.bincount(index, weights=values[:, d]) / count for d in range(3)]
-            return np.stack(sums, axis=-1)
-
-        beta, slope = self._turns(frame.X[:, self.axis])
-        along = frame.F[:, :, self.axis]
+    def at(self, motion: Motion) -> Sampled:
+        at, index, mean = self._means(motion.X)
+        beta, slope = (t[..., None] for t in self._turns(motion.X[:, self.axis]))
+        turn = np.cross(self.normal, np.eye(3))  # v @ turn = normal x v
+        along = motion.F[..., self.axis]
+        stretched = (motion.L @ along[..., None])[..., 0]
         weights, _ = self._integrals(at)
-        shift = weights @ np.cross(self.normal, mean(along))
-        drift = weights @ np.cross(self.normal, mean((frame.L @ along[:, :, None])[:, :, 0]))
-        arm = np.cross(self.normal, frame.x - mean(frame.x)[index])
-        spin = np.cross(self.normal, frame.v - mean(frame.v)[index])
-        turned = np.cross(self.normal, frame.F, axisb=1, axisc=1)
-        gradient = beta[:, :, None, None] * turned
-        gradient[..., self.axis] += slope[:, :, None] * arm
-        value = shift[:, index] + beta[:, :, None] * arm
-        return Sampled(value, gradient, drift[:, index] + beta[:, :, None] * spin)
+        shift, drift = (weights @ (mean @ v @ turn)[:, None] for v in (along, stretched))
+        arm, spin = ((v - (mean @ v)[:, index]) @ turn for v in (motion.x, motion.v))
+        arm, spin = arm[:, None], spin[:, None]
+        gradient = beta[..., None] * (turn.T @ motion.F)[:, None]
+        gradient[..., self.axis] += slope * arm
+        return Sampled(shift[:, :, index] + beta * arm, gradient, drift[:, :, index] + beta * spin)
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
-        at, index, count = self._sections(motion.X)
-        mean = (index == np.arange(len(at))[:, None]) / count[:, None]
+        at, _, mean = self._means(motion.X)
         slope = np.cross(self.normal, mean @ motion.F[..., self.axis])
         return {self.tool: (self._integrals(at)[1] @ slope[:, None])[:, :, 0]}
 

@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.motion import Body, Frame, Motion
-from form_drake.motion.motion import determinant, inverse
+from form_drake.motion import Body, Motion
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.weak.fields import Sampled
 
@@ -88,18 +87,18 @@ class CurlFields:
             self._tables[key] = w.reshape(3 * n, q, 3), dw.reshape(3 * n, q, 3, 3)
         return self._tables[key]
 
-    def at(self, frame: Frame) -> Sampled:
-        assert frame.second is not None
-        w, dw = self.curls(frame.X)
-        J = determinant(frame.F)[:, None]
-        value = np.einsum("qia,fqa->fqi", frame.F / J[..., None], w, optimize=True)
+    def at(self, motion: Motion) -> Sampled:
+        second, F, J = motion.second, motion.F, motion.J[:, None, :, None]
+        assert second is not None
+        w, dw = self.curls(motion.X)
+        value = np.einsum("tqia,fqa->tfqi", F, w, optimize=True) / J
         # d log J / dX_c = F^-1_ki d F_ik / dX_c
-        growth = np.einsum("qki,qikc->qc", inverse(frame.F), frame.second, optimize=True)
-        gradient = np.einsum("qiac,fqa->fqic", frame.second, w, optimize=True)
-        gradient += np.einsum("qia,fqac->fqic", frame.F, dw, optimize=True)
-        gradient = gradient / J[..., None] - value[..., None] * growth[:, None, :]
-        swell = np.trace(frame.L, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        rate = np.einsum("qij,fqj->fqi", frame.L - swell, value, optimize=True)
+        growth = np.einsum("tqki,tqikc->tqc", motion.inverse, second, optimize=True)
+        gradient = np.einsum("tqiac,fqa->tfqic", second, w, optimize=True)
+        gradient += np.einsum("tqia,fqac->tfqic", F, dw, optimize=True)
+        gradient = gradient / J[..., None] - value[..., None] * growth[:, None, :, None]
+        swell = np.trace(motion.L, axis1=2, axis2=3)[..., None, None] * np.eye(3)
+        rate = ((motion.L - swell)[:, None] @ value[..., None])[..., 0]
         return Sampled(value, gradient, rate)
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:

@@ -11,20 +11,20 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from form_drake.motion import Body, Face, Frame, Motion
+from form_drake.motion import Body, Face, Motion
 from form_drake.motion.splines import Splines, Tensor
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Test fields at points.
+    """Test fields at the points and times of a motion.
 
     Attributes:
-        value: psi, shape [fields, points, 3].
+        value: psi, shape [times, fields, points, 3].
         gradient: d psi_i / d X_j of material fields, d psi_i / d x_j of spatial ones [1/m], shape
-            [fields, points, 3, 3].
+            [times, fields, points, 3, 3].
         rate: d psi / dt [1/s] at fixed X of material fields, at fixed x of spatial ones, shape
-            [fields, points, 3]; None: zero.
+            [times, fields, points, 3]; None: zero.
     """
 
     value: np.ndarray
@@ -63,8 +63,8 @@ class Fields(Protocol):
         """Value of every field where each tool acts, shape [times, fields, 3]."""
         ...
 
-    def at(self, frame: Frame) -> Sampled:
-        """The fields at the points of a frame."""
+    def at(self, motion: Motion) -> Sampled:
+        """The fields at all points and times of a motion."""
         ...
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
@@ -74,10 +74,14 @@ class Fields(Protocol):
 
 @runtime_checkable
 class Mirrored(Protocol):
-    """Fields that some mirrors of the body leave as they are."""
+    """Fields that some symmetries of the body leave as they are."""
 
     def even(self, axis: int, middle: float, near: float) -> bool:
         """Whether they stay as they are when mirrored along an axis about ``middle`` (within ``near``) [m]."""
+        ...
+
+    def exchanged(self, a: int, b: int) -> bool:
+        """Whether those that are even along two axes stay as they are when the two change places."""
         ...
 
 
@@ -156,20 +160,13 @@ class BoxFields:
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         return {k: np.broadcast_to(e, (len(motion.time), *e.shape)) for k, e in self.ends.items()}
 
-    @cached_property
-    def _last(self) -> dict[bytes, Sampled]:
-        return {}
-
-    def at(self, frame: Frame) -> Sampled:
-        key = frame.X.tobytes()
-        if key not in self._last:
-            value, slope = self.basis.matrix(frame.X), self.basis.gradient(frame.X)
-            self._last.clear()
-            self._last[key] = Sampled(
-                np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
-                np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
-            )
-        return self._last[key]
+    def at(self, motion: Motion) -> Sampled:
+        value, slope = self.basis.matrix(motion.X), self.basis.gradient(motion.X)
+        both = (
+            np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
+            np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
+        )
+        return Sampled(*(np.broadcast_to(a, (len(motion.time), *a.shape)) for a in both))
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.names), dtype=bool)
@@ -267,6 +264,9 @@ class AxialFields:
     def even(self, axis: int, middle: float, near: float) -> bool:
         return axis != self.axis and abs(float(self.origin[axis]) - middle) <= near
 
+    def exchanged(self, a: int, b: int) -> bool:
+        return self.axis not in (a, b) and bool(np.all(self.lateral[:, a] == self.lateral[:, b]))
+
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         end = np.zeros((len(motion.time), len(self.names), 3))
         end[:, :, self.axis] = 1.0
@@ -278,34 +278,33 @@ class AxialFields:
         spline = CubicSpline(self.time, np.stack([self.start, self.length], axis=-1))
         return spline, spline.derivative()
 
-    def at(self, frame: Frame) -> Sampled:
-        y = frame.x - self.origin
-        (start, length), (drift, growth) = (f(frame.time) for f in self._ends)
-        s = self.sign * (frame.x[:, self.axis] - start) / length
-        shape = (len(self.lateral), len(self.ramps), len(y))
-        value, rate, gradient = (
-            np.zeros((*shape, 3)),
-            np.zeros((*shape, 3)),
-            np.zeros((*shape, 3, 3)),
-        )
+    def at(self, motion: Motion) -> Sampled:
+        y = motion.x - self.origin
+        ends, rates = (f(motion.time)[:, :, None] for f in self._ends)
+        (start, length), (drift, growth) = ends.swapaxes(0, 1), rates.swapaxes(0, 1)
+        s = self.sign * (motion.x[..., self.axis] - start) / length
+        shape = (len(s), len(self.lateral), len(self.ramps), y.shape[1])
+        value, rate, gradient = (np.zeros((*shape, *ends)) for ends in ((3,), (3,), (3, 3)))
         for n, (lo, hi) in enumerate(self.ramps):
             f, f1, f2 = smoothstep((s - lo) / (hi - lo))
             scale = self.sign / (length * (hi - lo))
             # d/dt of the ramp's argument at fixed x
             late = -(growth * s + self.sign * drift) / (length * (hi - lo))
             later = (f2 * late - f1 * growth / length) * scale
-            value[:, n, :, self.axis], rate[:, n, :, self.axis] = f, f1 * late
+            ours = (slice(None), slice(None), n, slice(None))
+            value[ours][..., self.axis] = f[:, None]
+            rate[ours][..., self.axis] = (f1 * late)[:, None]
             f1, f2 = f1 * scale, f2 * scale**2
-            gradient[:, n, :, self.axis, self.axis] = f1
+            gradient[ours][..., self.axis, self.axis] = f1[:, None]
             for k, share in enumerate(self.lateral):
                 for a in np.flatnonzero(share):
-                    value[k, n, :, a] = -share[a] * f1 * y[:, a]
-                    rate[k, n, :, a] = -share[a] * later * y[:, a]
-                    gradient[k, n, :, a, a] = -share[a] * f1
-                    gradient[k, n, :, a, self.axis] = -share[a] * f2 * y[:, a]
-        flat = shape[0] * shape[1]
+                    value[:, k, n, :, a] = -share[a] * f1 * y[..., a]
+                    rate[:, k, n, :, a] = -share[a] * later * y[..., a]
+                    gradient[:, k, n, :, a, a] = -share[a] * f1
+                    gradient[:, k, n, :, a, self.axis] = -share[a] * f2 * y[..., a]
+        flat = (len(s), len(self.names), y.shape[1])
         return Sampled(
-            value.reshape(flat, -1, 3), gradient.reshape(flat, -1, 3, 3), rate.reshape(flat, -1, 3)
+            value.reshape(*flat, 3), gradient.reshape(*flat, 3, 3), rate.reshape(*flat, 3)
         )
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:

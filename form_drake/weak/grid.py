@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from form_drake.motion import Frame, Motion
+from form_drake.motion import Motion
 from form_drake.weak.fields import Sampled
 
 DEGREE = 3  # smooth between quadrature points
@@ -47,23 +47,23 @@ class GridFields:
         """Half width of a support along every axis [m], shape [3]."""
         return 0.5 * (DEGREE + 1) * self.spacing
 
-    def at(self, frame: Frame) -> Sampled:
+    def at(self, motion: Motion) -> Sampled:
         knots = np.arange(DEGREE + 2) - 0.5 * (DEGREE + 1)
         spline = BSpline.basis_element(knots, extrapolate=False)
         value, slope = [], []
         for a in range(3):
             own, index = np.unique(self.centres[:, a], return_inverse=True)
-            s = (frame.x[:, a] - own[:, None]) / self.spacing[a]
-            value.append(np.nan_to_num(spline(s))[index])
-            slope.append(np.nan_to_num(spline.derivative(1)(s))[index] / self.spacing[a])
-        n, q = len(self.centres), len(frame.x)
-        found, gradient = np.zeros((n, 3, q, 3)), np.zeros((n, 3, q, 3, 3))
+            s = (motion.x[:, None, :, a] - own[:, None]) / self.spacing[a]
+            value.append(np.nan_to_num(spline(s))[:, index])
+            slope.append(np.nan_to_num(spline.derivative(1)(s))[:, index] / self.spacing[a])
+        t, n, q = value[0].shape
+        found, gradient = np.zeros((t, n, 3, q, 3)), np.zeros((t, n, 3, q, 3, 3))
         for d in range(3):
-            found[:, d, :, d] = value[0] * value[1] * value[2]
+            found[:, :, d, :, d] = value[0] * value[1] * value[2]
             for c in range(3):
                 parts = [slope[a] if a == c else value[a] for a in range(3)]
-                gradient[:, d, :, d, c] = parts[0] * parts[1] * parts[2]
-        return Sampled(found.reshape(3 * n, q, 3), gradient.reshape(3 * n, q, 3, 3))
+                gradient[:, :, d, :, d, c] = parts[0] * parts[1] * parts[2]
+        return Sampled(found.reshape(t, 3 * n, q, 3), gradient.reshape(t, 3 * n, q, 3, 3))
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         """Which fields vanish at points of the boundary [m], shape [fields]."""

@@ -7,12 +7,11 @@ import numpy as np
 
 from form_drake.motion import Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
-from form_drake.weak.balance import forces
+from form_drake.weak.balance import forces, runs
 from form_drake.weak.fields import Fields
 from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
-TOGETHER = 64  # points whose slopes stay in the cache
 SMALL = 1e-5  # share of the largest entry below which noise of far moments is left out
 
 # (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
@@ -24,7 +23,7 @@ class Moments:
     """One part of the error of a fit along time, see ``form_drake.motion.fit.Spread``.
 
     Attributes:
-        scale: shape [functions].
+        scale: shape [moments or 1, functions].
         series: [m], shape [times, moments].
         rate: [m/s], shape [times, moments].
     """
@@ -59,7 +58,7 @@ class Bases:
             along = [block.matrix(sampling.gradient[:, :, d]) @ root for d in range(3)]
             gradient.append(np.stack(along, axis=2))
         moments = [
-            Moments(part.scale, sampling.series @ part.time_root, sampling.rate @ part.time_root)
+            Moments(part.scale.T, sampling.series @ part.time_root, sampling.rate @ part.time_root)
             for part in fit.spread
         ]
         axes = tuple(block.axes for block in fit.space.blocks)
@@ -68,9 +67,9 @@ class Bases:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives of the integrands of A theta - b at some time, for one family of fields.
+    """Derivatives of the integrands of A theta - b, for one family of fields.
 
-    They are by the whitened coefficients of the fit, shape [fields, functions].
+    They are by the whitened coefficients of the fit, shape [times, functions, fields].
 
     Attributes:
         now: by those of the motion.
@@ -97,12 +96,12 @@ def slopes(
     gravity: np.ndarray,
     rates: bool,
     bases: Bases,
-) -> list[Slopes]:
-    """Derivatives at each of the times ``at`` (indices)."""
-    F, L = motion.F[at], motion.L[at]
+) -> Slopes:
+    """Derivatives at the times ``at`` (indices)."""
+    looks = motion.at(at)
 
     def pushed(dF: np.ndarray, dL: np.ndarray) -> np.ndarray:
-        tau, paired = stress(F + dF, L + dL, at)
+        tau, paired = stress(looks.F + dF, looks.L + dL, at)
         if fields.material:
             tau = tau @ inverse(paired).swapaxes(-1, -2)
         return motion.volume[:, None, None] * tau
@@ -112,24 +111,25 @@ def slopes(
     by_F = _differences(lambda E: pushed(E, none), still, STEP)
     by_rate = None
     if rates:
-        speed = STEP * max(float(np.abs(L).max()), 1e-3)
+        speed = STEP * max(float(np.abs(looks.L).max()), 1e-3)
         # L = dF/dt F^-1
         by_L = _differences(lambda E: pushed(none, E), still, speed)
-        by_rate = by_L @ inverse(F).swapaxes(-1, -2)[:, :, None]
-        by_F = by_F - L.swapaxes(-1, -2)[:, :, None] @ by_rate
-    weight, momentum = forces(motion, gravity), None
-    found = []
-    for n, i in enumerate(at):
-        sampled = fields.at(motion.frame(int(i)))
-        gradient = sampled.gradient.reshape(len(sampled.gradient), -1, 9).swapaxes(0, 1)
-        now = _by_gradient(gradient, by_F[n], bases)
-        rate = None if by_rate is None else _by_gradient(gradient, by_rate[n], bases)
+        by_rate = by_L @ looks.inverse.swapaxes(-1, -2)[:, :, None]
+        by_F = by_F - looks.L.swapaxes(-1, -2)[:, :, None] @ by_rate
+    weight, found = forces(looks, gravity), []
+    for own in runs(looks, fields):
+        run = looks.at(own)
+        sampled = fields.at(run)
+        now = _by_gradient(sampled.gradient, by_F[own], bases)
         if not fields.material:
-            now += _by_value(_along_x(fields, motion, int(i), still[n], weight[i]), bases)
-        if momentum is None or not fields.fixed:
-            momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
-        found.append(Slopes(now, momentum, rate))
-    return found
+            now += _by_value(_along_x(fields, run, still[own], weight[own]), bases)
+        momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
+        rate = now[:0] if by_rate is None else _by_gradient(sampled.gradient, by_rate[own], bases)
+        found.append((now, momentum, rate))
+    now, momentum, rate = (
+        np.concatenate(p).swapaxes(1, 2).copy() for p in zip(*found, strict=True)
+    )
+    return Slopes(now, momentum, rate if rates else None)
 
 
 def _differences(
@@ -142,53 +142,51 @@ def _differences(
 
 
 def _by_gradient(gradient: np.ndarray, slope: np.ndarray, bases: Bases) -> np.ndarray:
-    """Chain rule through F.
+    """Chain rule through F, shape [times, fields, functions].
 
     Args:
-        gradient: of the fields, shape [points, fields, 9].
-        slope: of the stress by F, shape [points, 9, 3, 3].
+        gradient: of the fields, shape [times, fields, points, 3, 3].
+        slope: of the stress by F, shape [times, points, 9, 3, 3].
     """
-    points, count = gradient.shape[:2]
-    found = [np.zeros((count, own.shape[-1])) for own in bases.gradient]
-    for first in range(0, points, TOGETHER):
-        own = slice(first, first + TOGETHER)
-        by = gradient[own] @ slope[own].reshape(-1, 9, 9)
-        rows = by.reshape(-1, count, 3, 3).swapaxes(0, 1)
-        for n, (axes, along) in enumerate(zip(bases.axes, bases.gradient, strict=True)):
-            flat = along[own].reshape(-1, along.shape[-1])
-            found[n] += rows[:, :, axes].reshape(count, -1) @ flat
-    return np.concatenate(found, axis=1)
+    times, count, points = gradient.shape[:3]
+    flat = gradient.reshape(times, count, points, 9).swapaxes(1, 2)
+    by = flat @ slope.reshape(times, points, 9, 9)
+    rows = by.reshape(times, points, count, 3, 3).swapaxes(1, 2)
+    found = [
+        rows[:, :, :, axes].reshape(times * count, -1) @ along.reshape(-1, along.shape[-1])
+        for axes, along in zip(bases.axes, bases.gradient, strict=True)
+    ]
+    return np.concatenate(found, axis=1).reshape(times, count, -1)
 
 
 def _by_value(slope: np.ndarray, bases: Bases) -> np.ndarray:
-    """Chain rule through x or v; slope of shape [fields, points, 3]."""
+    """Chain rule through x or v, shape [times, fields, functions].
+
+    ``slope`` has the shape [times, fields, points, 3].
+    """
+    times, count = slope.shape[:2]
     found = [
-        slope[:, :, axes].reshape(len(slope), -1) @ value.reshape(-1, value.shape[-1])
+        slope[..., axes].reshape(times * count, -1) @ value.reshape(-1, value.shape[-1])
         for axes, value in zip(bases.axes, bases.value, strict=True)
     ]
-    return np.concatenate(found, axis=1)
+    return np.concatenate(found, axis=1).reshape(times, count, -1)
 
 
-def _along_x(
-    fields: Fields, motion: Motion, i: int, tau: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """d (V tau : grad psi - m g . psi) / d x, shape [fields, points, 3]."""
-    frame = motion.frame(i)
+def _along_x(fields: Fields, motion: Motion, tau: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """d (V tau : grad psi - m g . psi) / d x, shape [times, fields, points, 3]."""
     h = 1e-6 * float(np.ptp(motion.X, axis=0).max())
     slope = []
     for a in range(3):
         step = np.zeros(3)
         step[a] = h
-        up, down = (fields.at(replace(frame, x=frame.x + s * step)) for s in (1.0, -1.0))
-        work = np.einsum("fqij,qij->fq", up.gradient - down.gradient, tau)
-        work -= np.einsum("fqi,qi->fq", up.value - down.value, weight)
+        up, down = (fields.at(replace(motion, x=motion.x + s * step)) for s in (1.0, -1.0))
+        work = np.einsum("tfqij,tqij->tfq", up.gradient - down.gradient, tau, optimize=True)
+        work -= np.einsum("tfqi,tqi->tfq", up.value - down.value, weight, optimize=True)
         slope.append(work / (2.0 * h))
     return np.stack(slope, axis=-1)
 
 
-def track_noise(
-    bases: Bases, families: list[list[Slopes]], every: int, span: Windows
-) -> np.ndarray:
+def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows) -> np.ndarray:
     """Covariance of all rows [(N m s)^2], windows outermost.
 
     Args:
@@ -197,65 +195,63 @@ def track_noise(
         every: see there.
         span: the windows.
     """
-    looks = len(families[0])
+    parts = [np.concatenate(p, axis=2) for p in zip(*(f.parts for f in families), strict=True)]
+    looks, _, m = parts[0].shape
     groups = np.minimum(np.rint(np.arange(len(span.time)) / every).astype(int), looks - 1)
-    parts = [
-        [np.concatenate(p) for p in zip(*(s[c].parts for s in families), strict=True)]
-        for c in range(looks)
-    ]
-    m = len(parts[0][0])
     total = np.zeros((m * len(span),) * 2)
     for one in bases.moments:
-        if not one.series.any():  # no noise
-            continue
-        total += _covariance(
-            [_window(parts, groups, span.chi[w], span.rate[w], one) for w in range(len(span))]
-        )
+        if one.series.any():  # else no noise
+            rows = [
+                _window(parts, groups, chi, rate, one)
+                for chi, rate in zip(span.chi, span.rate, strict=True)
+            ]
+            total += _covariance(rows, m)
     return total
 
 
-def _covariance(blocks: list[tuple[np.ndarray, int]]) -> np.ndarray:
+def _covariance(rows: list[tuple[np.ndarray, int]], m: int) -> np.ndarray:
     """Products of the rows of all windows, as of ``_window``."""
-    m = len(blocks[0][0])
-    total = np.zeros((m * len(blocks),) * 2)
-    for w, (K, first) in enumerate(blocks):
-        for u in range(w, len(blocks)):
-            M, start = blocks[u]
-            lo, hi = max(first, start), min(first + K.shape[1], start + M.shape[1])
+    total = np.zeros((m * len(rows),) * 2)
+    for w, (K, first) in enumerate(rows):
+        for u, (M, start) in enumerate(rows[w:], w):
+            lo, hi = max(first, start), min(first + len(K), start + len(M))
             if lo >= hi:
                 continue
-            block = K[:, lo - first : hi - first].reshape(m, -1) @ (
-                M[:, lo - start : hi - start].reshape(m, -1).T
-            )
+            left, right = K[lo - first : hi - first], M[lo - start : hi - start]
+            block = left.reshape(-1, m).T @ right.reshape(-1, m)
             total[w * m : (w + 1) * m, u * m : (u + 1) * m] = block
             total[u * m : (u + 1) * m, w * m : (w + 1) * m] = block.T
     return total
 
 
 def _window(
-    parts: list[list[np.ndarray]],
+    parts: list[np.ndarray],
     groups: np.ndarray,
     chi: np.ndarray,
     chi_rate: np.ndarray,
     moments: Moments,
 ) -> tuple[np.ndarray, int]:
-    """Rows of a window by whitened noise, shape [fields, moments, functions], and the first moment.
+    """Rows of a window by whitened noise, shape [moments, functions, fields], and the first moment.
 
-    ``parts`` are those of ``Slopes`` at every look, the last of which may be missing.
+    ``parts`` are those of ``Slopes``.
     """
     inside = np.flatnonzero(chi > 0)
-    pulls = []
-    for c in np.unique(groups[inside]):
-        own = inside[groups[inside] == c]
-        by_rate = chi[own] @ moments.rate[own]
-        pulls.append(
-            (c, chi[own] @ moments.series[own], chi_rate[own] @ moments.rate[own], by_rate)
+    first, last = groups[inside[0]], groups[inside[-1]] + 1
+    looks = (groups[inside] == np.arange(first, last)[:, None]).astype(float)
+    pulls = [
+        looks @ (weight[inside, None] * series[inside])
+        for weight, series in (
+            (chi, moments.series),
+            (chi_rate, moments.rate),
+            (chi, moments.rate),
         )
-    size = sum(np.abs(a) + np.abs(b) + np.abs(d) for _, a, b, d in pulls)
+    ]
+    size = sum(np.abs(p).sum(axis=0) for p in pulls)
     seen = np.flatnonzero(size > SMALL * size.max())
-    first, last = int(seen[0]), int(seen[-1]) + 1
-    K = np.zeros((len(parts[0][0]), last - first, parts[0][0].shape[1]))
-    for c, *weights in pulls:
-        for part, pull in zip(parts[c], weights, strict=False):
-            K += part[:, None, :] * pull[None, first:last, None]
-    return K * moments.scale, first
+    start, end = int(seen[0]), int(seen[-1]) + 1
+    K = sum(
+        np.tensordot(pull[:, start:end], part[first:last], axes=(0, 0))
+        for pull, part in zip(pulls, parts, strict=False)
+    )
+    scale = moments.scale if len(moments.scale) == 1 else moments.scale[start:end]
+    return np.asarray(K * scale[:, :, None]), start

@@ -9,7 +9,7 @@ from scipy.interpolate import interp1d
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
-from form_drake.weak.balance import Along, balance
+from form_drake.weak.balance import Along, balance, runs
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
 from form_drake.weak.noise import Bases, slopes, track_noise
@@ -109,14 +109,16 @@ class Probe:
             for tool, end in family.fields.acting(family.motion).items():
                 force = self.forces[tool]
                 power = self._powers(force, end, force.value + push.get(tool, 0.0))
-                b = b - force.impulses(self.windows.ends) @ power.sum(axis=-1)
+                b = b - self._impulses[tool] @ power.sum(axis=-1)
             found.append(b)
         return np.concatenate(found, axis=1).ravel()[self.keep]
 
     def sizes(self, motion: Motion, law: Law, values: Values, acting: np.ndarray) -> np.ndarray:
         """Integrals of V |T_k| |grad psi| over the windows, arguments and shape as ``columns``."""
         looks = np.unique(np.linspace(0, len(motion.time) - 1, 24).astype(int))
-        T = self.stresses(law, values, motion)[acting][:, looks]
+        elastic = self._elastic(law, values, motion)[looks]
+        part = motion.at(looks)
+        T = unit_stresses(law, elastic, part.L, values, part.pressure)[acting]
         parts = [self._sizes(f, motion, T, looks) for f in self.fields]
         found = np.zeros((len(self.keep), len(acting)))
         found[:, acting] = np.concatenate(parts, axis=1).reshape(-1, len(T))
@@ -135,8 +137,26 @@ class Probe:
 
     def stresses(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
         """Kirchhoff stress per unit, shape [terms, times, points, 3, 3]."""
-        elastic = elastic_part(law, motion.F, law.radius_vector(values))
+        elastic = self._elastic(law, values, motion)
         return unit_stresses(law, elastic, motion.L, values, motion.pressure)
+
+    def _elastic(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
+        """Elastic deformation gradients along a motion; the last along its own are remembered."""
+        r = law.radius_vector(values)
+        if motion is not self.motion:
+            return elastic_part(law, motion.F, r)
+        if r.tobytes() not in self._histories:
+            self._histories.clear()
+            self._histories[r.tobytes()] = elastic_part(law, motion.F, r)
+        return self._histories[r.tobytes()]
+
+    @cached_property
+    def _histories(self) -> dict[bytes, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _impulses(self) -> dict[str, np.ndarray]:
+        return {k: f.impulses(self.windows.ends) for k, f in self.forces.items()}
 
     def _powers(self, force: Force, end: np.ndarray, value: np.ndarray) -> np.ndarray:
         """f_d psi_d at the stamps of a force, shape [samples, fields, 3]."""
@@ -150,12 +170,10 @@ class Probe:
     ) -> np.ndarray:
         S = T @ motion.inverse[looks].swapaxes(-1, -2) if fields.material else T
         size = motion.volume * np.sqrt(np.sum(S**2, axis=(-1, -2)))
-        strength = []
-        for i in looks[:1] if fields.fixed else looks:
-            gradient = fields.at(motion.frame(int(i))).gradient
-            strength.append(np.sqrt(np.sum(gradient**2, axis=(-1, -2))))
-        many = np.broadcast_to(np.array(strength), (len(looks), *strength[0].shape))
-        work = many @ size.transpose(1, 2, 0)
+        own = motion.at(looks)
+        gradients = (fields.at(own.at(run)).gradient for run in runs(own, fields))
+        strength = [np.sqrt(np.sum(g**2, axis=(-1, -2))) for g in gradients]
+        work = np.concatenate(strength) @ size.transpose(1, 2, 0)
         chi = self.windows.chi
         nearest = np.abs(motion.time[:, None] - motion.time[looks]).argmin(axis=1)
         share = np.stack([chi[:, nearest == n].sum(axis=1) for n in range(len(looks))], axis=1)
@@ -165,7 +183,7 @@ class Probe:
     def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
         """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``."""
         motion = self.motion
-        elastic = elastic_part(law, motion.F, law.radius_vector(values))
+        elastic = self._elastic(law, values, motion)
         if law.flow == "plastic":
             before = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), elastic[:-1]])
             last = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), motion.F[:-1]])
@@ -205,8 +223,8 @@ class Probe:
                 [a.get(tool, z) for a, z in zip(acting, none, strict=True)], axis=1
             )
             psi = self._powers(force, end, np.ones_like(force.value))
-            weights = force.impulses(self.windows.ends)
-            rows = np.einsum("ws,sfd->wfsd", weights, psi, optimize=True).reshape(W * m, -1)
+            rows = np.einsum("ws,sfd->wfsd", self._impulses[tool], psi, optimize=True)
+            rows = rows.reshape(W * m, -1)
             total += force.noise**2 * (rows @ rows.T)
         return total
 

@@ -32,15 +32,20 @@ def prepared(
     """
     last = float(recording.time[-1] - recording.time[0])
     frame, width = float(np.median(np.diff(recording.time))), float(np.diff(ends, axis=1).min())
-    step = frame / np.ceil(SAMPLES * frame / width)
+    step = frame / np.ceil(SAMPLES * frame / width - 1e-6)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
     mirrors = _mirrors(recording, fit, fields)
+    exchange = fit.space.symmetry.exchange if mirrored(fit, fields) else ()
+    exchange = exchange if set(exchange) <= set(mirrors) else ()
     cells = _cells(fit, fields, shape, mirrors)
+    middle = 0.5 * (shape.low + shape.high)[list(exchange)]
     spatial = not all(f.fixed or not f.material for f in fields)
 
     def sampled(cells: list[np.ndarray], points: int) -> Sampling:
         X, volume = shape.gauss(cells, points)
         volume = 2.0 ** len(mirrors) * volume
+        if exchange:
+            X, volume = _halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
         return replace(
             found,
@@ -91,8 +96,26 @@ def _even(fit: Fit, fields: Sequence[Fields], axis: int) -> bool:
 
 
 def mirrored(fit: Fit, fields: Sequence[Fields]) -> bool:
-    """Whether all fields share the mirrors of a fit, so that none is the image of another."""
-    return all(_even(fit, fields, a) for a in fit.space.symmetry.mirrors)
+    """Whether all fields share the symmetries of a fit, so that none is the image of another."""
+    symmetry = fit.space.symmetry
+    if not all(_even(fit, fields, a) for a in symmetry.mirrors):
+        return False
+    both = symmetry.exchange
+    return not both or all(isinstance(f, Mirrored) and f.exchanged(*both) for f in fields)
+
+
+def _halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points on one side of the diagonal of two axes, for those of both.
+
+    Args:
+        X: points [m], shape [points, 3].
+        volume: theirs [m^3], shape [points].
+        across: their coordinates along the two axes from the middle of the body [m].
+    """
+    apart = np.abs(across[:, 0]) - np.abs(across[:, 1])
+    near = 1e-6 * np.abs(across).max()
+    kept = apart > -near
+    return X[kept], (volume * np.where(apart > near, 2.0, 1.0))[kept]
 
 
 def _cells(
