@@ -1,8 +1,11 @@
 """The arm as a planner sees it: its joints, their limits, the tool, and what stands around it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import as_file, files
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
@@ -18,11 +21,26 @@ JOINTS = 7
 HOME = np.array([0.0, -0.5, 0.0, -2.2, 0.0, 1.7, 0.8])
 
 
-def add_package(parser: Parser) -> None:
-    """Makes ``package://form_drake/...`` known: models, tools and scenarios of this package."""
+def add_package(parser: Parser, others: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Makes ``package://form_drake/...`` known: models, tools and scenarios of this package.
+
+    Args:
+        parser: to be told.
+        others: folders of further packages by name; they go before those that Drake knows.
+
+    Raises:
+        ValueError: no such folder.
+    """
+    known = parser.package_map()
     with as_file(files("form_drake") / "models" / "package.xml") as path:
-        if not parser.package_map().Contains("form_drake"):
-            parser.package_map().AddPackageXml(str(path))
+        if not known.Contains("form_drake"):
+            known.AddPackageXml(str(path))
+    for name, folder in others.items():
+        if not Path(folder).is_dir():
+            raise ValueError(f"package {name}: {folder} is no folder")
+        if known.Contains(name):
+            known.Remove(name)
+        known.Add(name, str(Path(folder).resolve()))
 
 
 def exclude_held_tool(
@@ -98,7 +116,12 @@ class Arm:
 
     @classmethod
     def load(
-        cls, directives: ModelDirectives, *, tool: str = "press_plate::tool", model: str = "panda"
+        cls,
+        directives: ModelDirectives,
+        *,
+        tool: str = "press_plate::tool",
+        model: str = "panda",
+        packages: Mapping[str, str] = MappingProxyType({}),
     ) -> "Arm":
         """An arm in the scene that model directives describe.
 
@@ -106,12 +129,13 @@ class Arm:
             directives: Drake model directives; every free body but the arm must be welded.
             tool: scoped name of the tool frame.
             model: name of the arm's model instance.
+            packages: see ``add_package``.
 
         Raises:
             ValueError: the scene has joints besides the arm's and its fingers', or no such frame.
         """
         builder = RobotDiagramBuilder(time_step=0.0)
-        add_package(builder.parser())
+        add_package(builder.parser(), packages)
         ProcessModelDirectives(directives, builder.parser())
         plant = builder.plant()
         plant.Finalize()

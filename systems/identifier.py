@@ -1,5 +1,6 @@
 """Identification while the probe still moves."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from pydrake.common.value import Value
@@ -37,11 +38,18 @@ class Identifier(LeafSystem):
     Args:
         every: time between answers [s].
         force: source of the force.
+        told: called with every answer.
     """
 
-    def __init__(self, *, every: float = 0.25, force: str = "sensor"):
+    def __init__(
+        self,
+        *,
+        every: float = 0.25,
+        force: str = "sensor",
+        told: Callable[[Answer], None] = lambda _: None,
+    ):
         super().__init__()
-        self._force = force
+        self._force, self._told = force, told
         self.DeclareAbstractInputPort("recording", Value[object](None))
         self._answer = self.DeclareAbstractState(Value[object](Answer()))
         self.DeclareAbstractOutputPort(
@@ -66,4 +74,5 @@ class Identifier(LeafSystem):
         except (Unidentifiable, ValueError) as refusal:
             new = Answer(time, None, str(refusal))
         state.get_mutable_abstract_state(int(self._answer)).set_value(new)
+        self._told(new)
         return EventStatus.Succeeded()

@@ -16,7 +16,7 @@ from form_drake.control import Follow, smooth
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.follower import PathFollower
-from form_drake.systems.identifier import Identifier
+from form_drake.systems.identifier import Answer, Identifier
 from form_drake.systems.motion import timed_path
 from form_drake.systems.page import write_page
 from form_drake.systems.recorder import FORCES, ParticleTracks, Recorder
@@ -44,7 +44,7 @@ def planned(scenario: Scenario) -> Trajectory:
         raise ValueError(f"probe.waypoints: times must increase from 0, got {stamps.tolist()}")
     if any(len(w.p_WT) != 3 for w in waypoints):
         raise ValueError("probe.waypoints: p_WT are three numbers [m]")
-    arm = Arm.load(directives(scenario), tool=scenario.probe.tool)
+    arm = Arm.load(directives(scenario), tool=scenario.probe.tool, packages=scenario.packages)
     R_WT = tool_rotation(scenario)
     places = [w.p_WT for w in waypoints]
 
@@ -84,6 +84,7 @@ def prepare(
     view: View | None = None,
     *,
     answers: float | None = None,
+    told: Callable[[Answer], None] = lambda _: None,
 ) -> Run:
     """Plan the probe and connect arm, station and recorder.
 
@@ -92,6 +93,7 @@ def prepare(
         meshcat: that shows it.
         view: what it shows of the material.
         answers: time [s] between identifications while the probe moves; None: none.
+        told: called with every answer.
     """
     builder = DiagramBuilder()
     station = make_station(scenario, meshcat=meshcat, view=view)
@@ -104,7 +106,7 @@ def prepare(
     builder.Connect(source.GetOutputPort("tool.force"), follower.GetInputPort("force"))
     recorder = _add_recorder(builder, scenario, station)
     if answers is not None:
-        identifier = builder.AddNamedSystem("identifier", Identifier(every=answers))
+        identifier = builder.AddNamedSystem("identifier", Identifier(every=answers, told=told))
         builder.Connect(recorder.GetOutputPort("recording"), identifier.get_input_port())
     return Run(scenario, station, recorder, builder.Build(), motion.end_time())
 

@@ -143,7 +143,10 @@ class Scenario:
 
     Attributes:
         name: of the scenario.
-        cell: model directives of arm, tools and stands, a ``package://`` or file name.
+        arm: model directives of the arm, a ``package://`` or file name: the Panda of this package,
+            or ``package://form_drake/panda/drake_models.dmd.yaml`` for that of Drake's models.
+        cell: model directives of tools and stands, likewise.
+        packages: folders of further packages by name, such as ``drake_models``.
         panda: driver of the arm.
         specimen: the soft body.
         solver: its simulation.
@@ -153,7 +156,9 @@ class Scenario:
     """
 
     name: str = ""
+    arm: str = "package://form_drake/panda/panda.dmd.yaml"
     cell: str = ""
+    packages: dict[str, str] = field(default_factory=dict)
     panda: PandaDriver = field(default_factory=PandaDriver)
     specimen: Specimen = field(default_factory=Specimen)
     solver: Stepping = field(default_factory=Stepping)

@@ -127,18 +127,21 @@ def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant,
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
     parser = Parser(plant)
-    add_package(parser)
     try:
+        add_package(parser, scenario.packages)
         ProcessModelDirectives(directives(scenario), parser)
-    except RuntimeError as error:
-        raise ValueError(f"scenario {scenario.name}: cell {scenario.cell}: {error}") from None
+    except (RuntimeError, ValueError) as error:
+        what = str(error).strip().splitlines()[0]
+        raise ValueError(
+            f"scenario {scenario.name}: arm {scenario.arm}, cell {scenario.cell}: {what}"
+        ) from None
     return plant, scene_graph
 
 
 def directives(scenario: Scenario) -> ModelDirectives:
-    """The model directives of the scenario's cell."""
-    text = f"directives:\n- add_directives: {{file: '{scenario.cell}'}}\n"
-    return LoadModelDirectivesFromString(text)
+    """The model directives of the scenario's arm and cell."""
+    parts = (f"- add_directives: {{file: '{file}'}}\n" for file in (scenario.arm, scenario.cell))
+    return LoadModelDirectivesFromString("directives:\n" + "".join(parts))
 
 
 def _soft(

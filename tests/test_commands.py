@@ -390,7 +390,7 @@ def test_other_endings_are_refused_before_work(capsys, files, here, monkeypatch,
 def test_a_scenario_is_no_material(capsys, here):
     (here / "pour.yaml").write_text("scenario: pour\nmaterial: glycerol\n")
     line = refusal(capsys, "check", "pour.yaml")
-    assert "pour.yaml: no scenario; allowed there are name, cell" in line
+    assert "pour.yaml: no scenario; allowed there are name, arm, cell" in line
 
 
 def test_unwritable_outputs_are_refused(capsys, files, here, monkeypatch):

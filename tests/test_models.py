@@ -1,5 +1,7 @@
 """The robot and its tools as files: frames, limits, masses, and shapes that enclose the real ones."""
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 from pydrake.geometry import Box, Capsule, Cylinder, Role, Sphere
@@ -9,6 +11,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.systems.arm import add_package
+from form_drake.systems.scenario import load_scenario
+from form_drake.systems.station import make_station
 
 # Bounds of the meshes that Franka publishes (franka_description), as the glTF accessors of
 # drake_models state them, in the link's frame [mm]. Of link0 only what is not cable.
@@ -230,3 +234,22 @@ def test_models_load_from_directives_too():
     text = "directives: [{add_model: {name: arm, file: package://form_drake/panda/panda.urdf}}]"
     ProcessModelDirectives(LoadModelDirectivesFromString(text), parser)
     assert plant.HasModelInstanceNamed("arm")
+
+
+def test_a_scenario_takes_the_arm_of_other_packages(tmp_path):
+    """A folder that stands in for Drake's own models: names as theirs, without our frame of tools."""
+    drake_arm = tmp_path / "franka_description" / "urdf" / "panda_arm_hand.urdf"
+    drake_arm.parent.mkdir(parents=True)
+    own = (files("form_drake") / "models" / "panda" / "panda.urdf").read_text()
+    frame = next(line for line in own.splitlines() if 'name="panda_hand_tcp"' in line)
+    drake_arm.write_text(own.replace(frame, "").replace('mass value="0.73"', 'mass value="0.5"'))
+    changes = (
+        "arm=package://form_drake/panda/drake_models.dmd.yaml",
+        f"packages.drake_models={tmp_path}",
+        "solver.dx=0.006",
+    )
+    station = make_station(load_scenario("press_a", changes))
+    hand = station.plant.GetBodyByName("panda_hand")
+    assert hand.default_mass() == 0.5
+    with pytest.raises(ValueError, match=r"package drake_models: .*nowhere is no folder"):
+        make_station(load_scenario("press_a", (*changes[:1], "packages.drake_models=/nowhere")))

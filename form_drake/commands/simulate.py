@@ -2,14 +2,21 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 import tyro
 from tqdm import tqdm
 
 from form_drake.commands.output import Changes, device, emit, out_file, say
 from form_drake.files import target_folder, whole_folder, write_json, write_text
 from form_drake.records import write_recording
+
+if TYPE_CHECKING:
+    from form_drake.systems.identifier import Answer
+
+
+ROUNDED = 1e-9  # share of a value, below which its deviation is rounding: it was given
 
 
 @dataclass(frozen=True)
@@ -28,6 +35,8 @@ class Simulate:
     """Write the Meshcat page; --page False leaves it out."""
     live: bool = False
     """Show the simulation while it runs, in a browser."""
+    answers: float | None = None
+    """Identify while the probe moves, every so many seconds of it, and say what is known by then."""
     graphviz: Path | None = None
     """Draw the diagram into a .dot file and simulate nothing."""
     device: str = "cpu"
@@ -42,6 +51,8 @@ class Simulate:
         from form_drake.systems.viewer import View
 
         device(self.device)
+        if self.answers is not None and not 0.0 < self.answers < np.inf:
+            raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
         changes = (*self.set, f"solver.device={self.device}")
         scenario = load_scenario(self.scenario, changes)
         if self.graphviz is not None:
@@ -53,7 +64,8 @@ class Simulate:
         hidden = truth(scenario)
         told = (lambda url: say(f"live view: {url}")) if self.live else None
         meshcat = shown(told) if self.page or self.live else None
-        run = prepare(scenario, meshcat, View(field=self.field))
+        view = View(field=self.field)
+        run = prepare(scenario, meshcat, view, answers=self.answers, told=_tell)
         steps = round(run.duration / scenario.solver.period)
         with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
             recording = record(run, lambda *_: bar.update())
@@ -76,3 +88,16 @@ class Simulate:
         )
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
+
+
+def _tell(answer: "Answer") -> None:
+    found = answer.identification
+    if found is None:
+        say(f"{answer.time:.2f} s: {answer.reason}")
+        return
+    values = ", ".join(
+        f"{key} {p.value:.4g} ± {1.96 * p.std:.2g} {p.unit}"
+        for key, p in found.material.parameters().items()
+        if p.std is not None and p.std > ROUNDED * abs(p.value)
+    )
+    say(f"{answer.time:.2f} s: {values} (found in {found.seconds:.2g} s)")

@@ -5,7 +5,7 @@ in time, whose knots ``form_drake.motion.knots`` chooses. What stands out of the
 and the rest are smoothed in space, each as its own size asks for.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -28,16 +28,18 @@ FOLLOWED = 0.1
 
 @dataclass(frozen=True)
 class Spread:
-    """An independent part of the error of a fit, (scale z) time_root^T with z white, in the
+    """An independent part of the error of a fit, mix (scale z) time_root^T with z white, in the
     functions of ``Fit.roots``.
 
     Attributes:
-        scale: shape [space.size, moments or 1].
+        scale: shape [parts, moments or 1].
         time_root: [m], shape [time.size, moments].
+        mix: shape [space.size, parts]; None: every function is a part.
     """
 
     scale: np.ndarray
     time_root: np.ndarray
+    mix: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,9 @@ class Fit:
         """Noise of the coefficients [m], shape of c."""
         white = np.zeros((self.space.size, self.time.size))
         for part in self.spread:
-            z = rng.standard_normal((self.space.size, part.time_root.shape[1]))
-            white += (part.scale * z) @ part.time_root.T
+            z = rng.standard_normal((len(part.scale), part.time_root.shape[1]))
+            error = part.scale * z
+            white += (error if part.mix is None else part.mix @ error) @ part.time_root.T
         return self.space.tied(_by_root(self.space, self.roots, white))
 
     def describe(self) -> dict[str, object]:
@@ -126,12 +129,8 @@ def fit_tracks(
     z, back = Q.T @ white, np.linalg.inv(R)
     count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
     misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
-    z, shares, series = _smoothed(z, roughness, follow)
-    rest, own = shares[0][:, None], np.array(shares[1:]).T
-    parts = (
-        Spread(np.sqrt(rest), noise * back),
-        Spread(np.sqrt(own - rest), noise * back @ series),
-    )
+    z, parts = _smoothed(z, roughness, follow)
+    parts = tuple(replace(part, time_root=noise * back @ part.time_root) for part in parts)
     c = space.tied(_by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
     return Fit(space, splines, c, noise, misfit, held, roots, parts)
@@ -145,8 +144,11 @@ def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> 
 
 def _smoothed(
     z: np.ndarray, roughness: np.ndarray, noise: float
-) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+) -> tuple[np.ndarray, tuple[Spread, ...]]:
     """Coefficients of white noise, smoothed in space: each mode by itself, and the rest together.
+
+    What noise does to a mode is, to first order, what it adds to the field at the mode's series and
+    to the series at the mode's field.
 
     Args:
         z: shape [moments, functions].
@@ -154,9 +156,8 @@ def _smoothed(
         noise: standard deviation of a coefficient [m].
 
     Returns:
-        Coefficients, shape of z; the share that is kept of each function in the rest and in every
-        mode, which is its variance too, shape [functions] each; the modes' series, shape [moments,
-        modes].
+        Coefficients, shape of z, and their error per unit noise by moments: the share that is kept
+        of a function is its variance too.
     """
     U, S, Vt = modes(z, noise)
     weak = z - (U * S) @ Vt
@@ -164,13 +165,19 @@ def _smoothed(
     rest = np.ones(len(roughness))
     if count > 0:
         rest = _share(np.sum(weak**2, axis=0) / count, roughness, noise)
-    found, shares = rest * weak, [rest]
-    for series, mode in zip(U.T, S[:, None] * Vt, strict=True):
-        own = _share(mode**2, roughness, noise)
+    found, scales, mix = rest * weak, [], []
+    for series, size, mode in zip(U.T, S, Vt, strict=True):
+        own = _share((size * mode) ** 2, roughness, noise)
         own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
-        found += np.outer(series, own * mode)
-        shares.append(own)
-    return found, shares, U
+        found += np.outer(series, own * size * mode)
+        scales.append(np.sqrt(own - rest))
+        mix.append(scales[-1] * mode)
+    others = np.eye(len(z)) - U @ U.T
+    return found, (
+        Spread(np.sqrt(rest)[:, None], np.eye(len(z))),
+        Spread(np.array(scales).T, U),
+        Spread(np.ones((len(mix), 1)), others, np.array(mix).T),
+    )
 
 
 def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray:

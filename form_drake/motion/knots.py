@@ -26,9 +26,10 @@ LADDER = (
 CLIMBS = (*np.eye(3, dtype=int), *(2 * np.eye(3, dtype=int)), np.ones(3, dtype=int))
 TIME_DEGREE = 4
 WORST = 100.0  # condition of a basis in time
-# A basis is enlarged while the error at left-out tracks stays below this share of the least: the
-# balance knows what noise does to it, but not what a basis cannot follow.
-SLACK = 1.1
+# A basis is enlarged while the error at left-out tracks stays below this share of the least and
+# this much of the noise, as squares: the balance knows what noise does to it, but not what a basis
+# cannot follow.
+SLACK, ROOM = 1.1, 0.6
 KEEPS = 1.01  # the same of a symmetry, which has fewer functions and so must follow as well
 KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
 LARGEST = 0.6  # functions for each track and component
@@ -148,10 +149,11 @@ def chosen_space(
     """
     u, valid = _looked_at(u, valid, noise)
     floor = 1e-9 * float(np.sqrt(np.mean(u[valid] ** 2)))
-    bases = _Bases(X, u, valid, body)
+    bases = _Bases(X, u, valid, body, noise)
     if not np.isfinite(bases.error((0, 0, 0), Symmetry())):
         raise ValueError(f"{len(X)} points do not determine even a linear motion; track more")
     rungs, lowest = bases.climbed(Symmetry(), floor)
+    limit = bases.limit(lowest)
 
     def loss(wider: Symmetry) -> float:
         """Error with an operation more, as a share of that without."""
@@ -168,7 +170,7 @@ def chosen_space(
         symmetry = best
     if symmetry:
         own, least = bases.climbed(symmetry, floor)
-        if least <= floor or least < SLACK * lowest:
+        if least <= floor or least < limit:
             return bases.space(own, symmetry)
     return bases.space(rungs, Symmetry())
 
@@ -176,9 +178,9 @@ def chosen_space(
 class _Bases:
     """Errors at left-out tracks of the bases on a ladder."""
 
-    def __init__(self, X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body):
+    def __init__(self, X: np.ndarray, u: np.ndarray, valid: np.ndarray, body: Body, noise: float):
         self._tracks = X, u, valid
-        self._body = body
+        self._body, self._noise = body, noise
         share = (X - body.low) / (body.high - body.low)
         self._places = [len(np.unique(np.round(s, 3))) for s in share.T]
         held = [f.condition == "bonded" for f in body.faces]
@@ -210,6 +212,10 @@ class _Bases:
                     self._known[key] = press(space, X, filled(space, X, u, valid), valid)
         return self._known[key]
 
+    def limit(self, lowest: float) -> float:
+        """Error [m] below which a basis is as good as the one of the ``lowest`` [m]."""
+        return float(np.hypot(SLACK * lowest, ROOM * self._noise))
+
     def climbed(self, symmetry: Symmetry, floor: float) -> tuple[tuple[int, ...], float]:
         """Climbs where the error is least, while it stays near the least found."""
         best: tuple[int, ...] = (0, 0, 0)
@@ -220,7 +226,7 @@ class _Bases:
             if not tried:
                 break
             candidate = min(sorted(tried), key=lambda r: tried[r])
-            if not tried[candidate] < SLACK * lowest:
+            if not tried[candidate] < self.limit(lowest):
                 break
             best, lowest = candidate, min(lowest, tried[candidate])
         return best, lowest

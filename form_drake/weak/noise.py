@@ -23,14 +23,16 @@ class Moments:
     """One part of the error of a fit along time, see ``form_drake.motion.fit.Spread``.
 
     Attributes:
-        scale: shape [moments or 1, functions].
+        scale: shape [moments or 1, parts].
         series: [m], shape [times, moments].
         rate: [m/s], shape [times, moments].
+        mix: shape [functions, parts]; None: every function is a part.
     """
 
     scale: np.ndarray
     series: np.ndarray
     rate: np.ndarray
+    mix: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,10 @@ class Bases:
             value.append(block.matrix(sampling.value) @ root)
             along = [block.matrix(sampling.gradient[:, :, d]) @ root for d in range(3)]
             gradient.append(np.stack(along, axis=2))
-        moments = [
-            Moments(part.scale.T, sampling.series @ part.time_root, sampling.rate @ part.time_root)
-            for part in fit.spread
-        ]
+        moments = []
+        for part in fit.spread:
+            series, rate = (basis @ part.time_root for basis in (sampling.series, sampling.rate))
+            moments.append(Moments(part.scale.T, series, rate, part.mix))
         axes = tuple(block.axes for block in fit.space.blocks)
         return cls(axes, tuple(value), tuple(gradient), tuple(moments))
 
@@ -201,8 +203,9 @@ def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows)
     total = np.zeros((m * len(span),) * 2)
     for one in bases.moments:
         if one.series.any():  # else no noise
+            own = parts if one.mix is None else [one.mix.T @ p for p in parts]
             rows = [
-                _window(parts, groups, chi, rate, one)
+                _window(own, groups, chi, rate, one)
                 for chi, rate in zip(span.chi, span.rate, strict=True)
             ]
             total += _covariance(rows, m)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import interp1d
@@ -70,7 +71,23 @@ class Probe:
         """The motion with the stretches that the law chooses, see ``form_drake.weak.release``."""
         if not self.released:
             return motion
-        return replace(motion, F=released(law, motion.F, values, theta, self.released))
+        own = self._released(law, values, theta)
+        if motion is not self.motion:
+            own = released(law, motion.F, values, theta, self.released, own)
+        return replace(motion, F=own)
+
+    def _released(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
+        """F of its own motion with the stretches that the law chooses; the last are remembered."""
+        key = (tuple(values.items()), theta.tobytes())
+        if key not in self._stretched:
+            self._stretched.clear()
+            F = released(law, self.motion.F, values, theta, self.released)
+            self._stretched[key] = F
+        return self._stretched[key]
+
+    @cached_property
+    def _stretched(self) -> dict[tuple[Any, ...], np.ndarray]:
+        return {}
 
     def along(self, motion: Motion) -> Along:
         """The integrals of every family of fields along a motion."""
@@ -190,7 +207,9 @@ class Probe:
             unload = inverse(last) @ before
 
         def stress(F: np.ndarray, L: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            F = released(law, F, values, theta, self.released)
+            if self.released:
+                near = self._released(law, values, theta)[at]
+                F = released(law, F, values, theta, self.released, near)
             paired = F
             if law.flow == "plastic":
                 trial = F @ unload[at]

@@ -8,7 +8,7 @@ F' = F diag(s) with e . F'^T P(F') e = 0 for every such direction e (fibre: two,
 import numpy as np
 
 from form_drake.laws import Law, Values
-from form_drake.motion.motion import inverse
+from form_drake.motion.motion import determinant, inverse
 from form_drake.weak.stress import unit_stresses
 
 ROUNDS = 12
@@ -19,7 +19,12 @@ LOST = 1e-3  # share of points, far outside what the tracks cover, that may not 
 
 
 def released(
-    law: Law, F: np.ndarray, values: Values, theta: np.ndarray, axes: tuple[int, ...]
+    law: Law,
+    F: np.ndarray,
+    values: Values,
+    theta: np.ndarray,
+    axes: tuple[int, ...],
+    near: np.ndarray | None = None,
 ) -> np.ndarray:
     """F with the stretches along traction-free material directions set by the law.
 
@@ -29,6 +34,7 @@ def released(
         values: constants of the law.
         theta: coefficients of its terms up to a common factor, shape [terms].
         axes: the traction-free directions in stress-free coordinates.
+        near: answer for a motion nearby, where the search starts, shape of F; None: there is none.
 
     Raises:
         ValueError: no stretches are found.
@@ -37,16 +43,20 @@ def released(
         return F
     still, back = np.zeros_like(F), inverse(F)
     stretch = np.ones((*F.shape[:-2], 3))
-    # from no change of volume, where soft and nearly incompressible laws are nearly released
-    isochoric = np.clip(np.linalg.det(F), *SANE) ** (-1.0 / len(axes))
-    stretch[..., list(axes)] = isochoric[..., None]
+    own = list(axes)
+    if near is None:
+        # from no change of volume, where soft and nearly incompressible laws are nearly released
+        stretch[..., own] = np.clip(determinant(F), *SANE)[..., None] ** (-1.0 / len(axes))
+    else:
+        lengths = (np.linalg.norm(G[..., own], axis=-2) for G in (near, F))
+        stretch[..., own] = np.divide(*lengths)
 
     def normal(s: np.ndarray) -> np.ndarray:
         G = F * s[..., None, :]
         T = np.tensordot(theta, unit_stresses(law, G, still, values), axes=1)
         # e . F^-1 tau F^-T e for Kirchhoff tau: the second Piola stress along e
         rows = [back[..., a, :] / s[..., a, None] for a in axes]
-        return np.stack([np.sum(e * (T @ e[..., None])[..., 0], axis=-1) for e in rows], axis=-1)
+        return np.stack([np.einsum("...i,...ij,...j->...", e, T, e) for e in rows], axis=-1)
 
     for _ in range(ROUNDS):
         now = normal(stretch)
