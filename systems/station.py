@@ -132,6 +132,8 @@ def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant,
         ProcessModelDirectives(directives(scenario), parser)
     except (RuntimeError, ValueError) as error:
         what = str(error).strip().splitlines()[0]
+        if "when downloading" in what:
+            what = f"{what.split(',')[0]}: it cannot be had; state packages.NAME=FOLDER with a copy"
         raise ValueError(
             f"scenario {scenario.name}: arm {scenario.arm}, cell {scenario.cell}: {what}"
         ) from None
