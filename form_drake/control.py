@@ -9,6 +9,10 @@ LENGTH = 0.1
 """Length [m] by which moments are divided before they are weighed against forces."""
 DAMPING = 1e-4
 """Tikhonov damping as a share of the largest singular value."""
+TOUCH = 0.02
+"""Share of the largest force, from which on a tool is driven by force."""
+RESPONSE = 0.04
+"""Time [s] in which it follows."""
 
 
 def smooth(stamps: Sequence[float], places: Sequence[Sequence[float]], time: float) -> np.ndarray:
@@ -120,3 +124,64 @@ def advanced(
     along = float(np.clip(now.along + 0.5 * step * (now.rate + rate), 0.0, end))
     rest = now.rest + (step if rate == 0.0 else 0.0)
     return Progress(along, rate, stopped, rest)
+
+
+@dataclass(frozen=True)
+class ForceServo:
+    """Moves the tool along the measured push until it feels the measured force.
+
+    Attributes:
+        time: stamps of the measured force [s], shape [samples].
+        push: its part along ``along`` [N], shape [samples].
+        along: direction of the tool's push, unit vector in W.
+        stiffness: measured force over measured stroke [N/m].
+        touch: from when to when the tool was felt [s].
+    """
+
+    time: np.ndarray
+    push: np.ndarray
+    along: np.ndarray
+    stiffness: float
+    touch: tuple[float, float]
+
+    @classmethod
+    def of(cls, time: np.ndarray, force: np.ndarray, p_WT: np.ndarray) -> "ForceServo":
+        """From the recorded force on the tool in W [N] and its place [m], shape [samples, 3] each.
+
+        Raises:
+            ValueError: there is no force.
+        """
+        size = np.linalg.norm(force, axis=1)
+        felt = np.flatnonzero(size > TOUCH * size.max())
+        if not len(felt):
+            raise ValueError("the recorded force is zero throughout: nothing can be driven by it")
+        most = int(np.argmax(size))
+        along = -force[most] / size[most]
+        stroke = (p_WT[most] - p_WT[felt[0]]) @ along
+        touch = float(time[felt[0]]), float(time[felt[-1]])
+        return cls(time, -force @ along, along, size[most] / max(stroke, 1e-6), touch)
+
+    def moved(
+        self,
+        time: float,
+        period: float,
+        offset: np.ndarray,
+        felt: np.ndarray,
+        recorded: np.ndarray,
+    ) -> np.ndarray:
+        """Offset from the recorded pose at the end of a step [m]; none is added before and after touch.
+
+        Args:
+            time: where the step begins [s].
+            period: its length [s].
+            offset: at ``time`` [m], shape [3].
+            felt: force on the tool at ``time`` [N], shape [3].
+            recorded: the recorded motion in the step [m], shape [3]; it does not count while the
+                tool is felt.
+        """
+        if not self.touch[0] <= time <= self.touch[1]:
+            return offset
+        # what follows with a delay is told in advance
+        wanted = np.interp(time + RESPONSE, self.time, self.push)
+        rate = (wanted + felt @ self.along) / (self.stiffness * RESPONSE)
+        return offset + (rate * period - recorded @ self.along) * self.along

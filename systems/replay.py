@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.trajectories import PiecewisePose
 from scipy.spatial import cKDTree
 
+from form_drake.control import ForceServo
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.mpm.exchange import Snapshot
@@ -18,8 +19,6 @@ from form_drake.systems.scenario import Scenario
 from form_drake.systems.station import Station, make_station
 
 Drive = Literal["pose", "force"]
-TOUCH = 0.02  # of the largest force, from which on a tool is driven by force
-RESPONSE = 0.04  # time [s] in which it follows
 NEAR = 0.25  # of the particles' distance, within which a tracked point is a particle
 
 
@@ -135,7 +134,10 @@ class _Path:
             body = station.plant.get_body(t.body)
             self._still.append(station.plant.EvalBodyPoseInWorld(context, body) @ t.X_BG)
             self._held.append(X_BT.inverse() @ t.X_BG)
-        self._servo = _Servo.of(stream, force) if drive == "force" else None
+        self._servo = None
+        if drive == "force":
+            p_WT = [np.interp(force.time, stream.time, p) for p in stream.value[:, :3, 3].T]
+            self._servo = ForceServo.of(force.time, force.value, np.stack(p_WT, axis=1))
         self._offset = np.zeros(3)
 
     def step(self, time: float, snapshot: Snapshot) -> tuple[Motions, RigidTransform]:
@@ -172,53 +174,6 @@ class _Path:
             v.append((X1.translation() - X.translation()) / h)
             w.append(omega if moves else np.zeros(3))
         return Motions(np.array(p), np.array(R), np.array(v), np.array(w))
-
-
-@dataclass(frozen=True)
-class _Servo:
-    """Moves the tool along the measured push until it feels the measured force.
-
-    Attributes:
-        measured: force [N].
-        along: direction of the tool's push, unit vector in W.
-        stiffness: measured force over measured stroke [N/m].
-        touch: from when to when the tool was felt [s].
-    """
-
-    measured: Stream
-    along: np.ndarray
-    stiffness: float
-    touch: tuple[float, float]
-
-    @classmethod
-    def of(cls, pose: Stream, force: Stream) -> "_Servo":
-        size = np.linalg.norm(force.value, axis=1)
-        felt = force.time[size > TOUCH * size.max()]
-        if not len(felt):
-            raise ValueError("the recorded force is zero throughout: nothing can be driven by it")
-        push = -force.value[np.argmax(size)] / size.max()
-        p_WT = np.stack(
-            [np.interp(force.time, pose.time, pose.value[:, i, 3]) for i in range(3)], 1
-        )
-        stroke = (p_WT[np.argmax(size)] - p_WT[np.searchsorted(force.time, felt[0])]) @ push
-        return cls(force, push, size.max() / max(stroke, 1e-6), (felt[0], felt[-1]))
-
-    def moved(
-        self,
-        time: float,
-        period: float,
-        offset: np.ndarray,
-        felt: np.ndarray,
-        recorded: np.ndarray,
-    ) -> np.ndarray:
-        """Offset from the recorded pose [m] at the end of a step that the recorded one spends
-        moving by ``recorded``: the recorded motion does not count while the tool is felt."""
-        if not self.touch[0] <= time <= self.touch[1]:
-            return offset
-        ahead = time + RESPONSE  # what follows with a delay is told in advance
-        wanted = np.interp(ahead, self.measured.time, -self.measured.value @ self.along)
-        rate = (wanted + felt @ self.along) / (self.stiffness * RESPONSE)
-        return offset + (rate * period - recorded @ self.along) * self.along
 
 
 def _shifted(X: RigidTransform, by: np.ndarray) -> RigidTransform:

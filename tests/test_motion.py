@@ -135,6 +135,24 @@ def test_covariance_of_a_symmetric_fit_is_that_of_its_errors():
     assert errors < 0.2 * noise
 
 
+def test_covariance_of_the_rows_is_that_of_their_errors():
+    noise, shape = 20e-6, body(made())
+    first = made(noise=noise)
+    fit = fit_tracks(first, shape)
+    ends = np.array([[0.1, 0.4], [0.3, 0.6]])
+    law, theta = law_named("neo-hookean"), np.array([1e4, 1e5])
+    whole = np.ones(len(law.terms), dtype=bool)
+    probe = ready.prepared(first, "", axial(first, shape, fit), ends, shape, fit)
+    errors = []
+    for seed in range(24):
+        again = replace(probe, fit=fit_tracks(made(noise=noise, seed=seed), shape, like=fit))
+        along = again.along(again.motion)
+        errors.append(again.rest(along, {}) - again.columns(along, law, {}, whole) @ theta)
+    size, directions = np.linalg.eigh(probe.noise(law, {}, theta))
+    white = (np.array(errors) - np.mean(errors, axis=0)) @ directions / np.sqrt(size)
+    assert np.mean(white[:, size > 0.1 * size[-1]] ** 2) == pytest.approx(1.0, rel=0.35)
+
+
 def test_half_of_a_mirrored_body_is_enough(monkeypatch):
     recording = made()
     shape = body(recording)
