@@ -460,7 +460,7 @@ def test_three_laws_are_added_in_any_order_of_brackets():
         ("neo-hookean+yeoh", "C10 kappa C2 C3", "C10 kappa C2 C3"),
         ("yeoh+neo-hookean", "C1 C2 C3 kappa", "C1 C2 C3 kappa"),
         ("fixed-corotated+gent", "mu lam gent.mu J_m", "mu lam gent.mu J_m"),
-        ("newtonian+bingham", "eta kappa tau_y epsilon", "eta tau_y"),
+        ("newtonian+bingham", "eta kappa tau_y epsilon", "eta tau_y epsilon"),
         ("newtonian+weakly-compressible", "eta kappa", "eta kappa"),
     ],
 )

@@ -147,6 +147,14 @@ def test_motion_inside_gives_the_law(exact, law):
     assert max(errors(answer, truth).values()) < 5e-3
 
 
+def test_the_rate_below_which_a_mud_flows_like_a_fluid_is_found(exact):
+    made, truth = recording(exact, "bingham")
+    known = dict(made.known)
+    truth["epsilon"] = known.pop("epsilon")
+    answer = identify(replace(made, known=known), weak=WeakOptions(draws=0))
+    assert max(errors(answer, truth).values()) < 5e-3
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_of_tracks_is_in_the_intervals_and_leaves_no_bias(exact, seed):
     made, truth = recording(exact, "neo-hookean")

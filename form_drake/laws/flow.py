@@ -90,7 +90,7 @@ BINGHAM = Law(
         ETA,
         Term("tau_y", "Pa", bingham_yield, guess=(0.001, 0.1), excited=FLOWING),
         GIVEN_KAPPA,
-        Constant("epsilon", "1/s", "given", excited=TOLD),
+        Constant("epsilon", "1/s", "shape", guess=(1.0,), excited=FLOWING),
     ),
     moduli=lambda v: (v["kappa"], 0.0),
     equation="2 eta J dev D + 2 tau_y J dev D / gamma + kappa J (J - 1) I",
