@@ -160,13 +160,21 @@ class BoxFields:
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
         return {k: np.broadcast_to(e, (len(motion.time), *e.shape)) for k, e in self.ends.items()}
 
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     def at(self, motion: Motion) -> Sampled:
-        value, slope = self.basis.matrix(motion.X), self.basis.gradient(motion.X)
-        both = (
-            np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
-            np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
-        )
-        return Sampled(*(np.broadcast_to(a, (len(motion.time), *a.shape)) for a in both))
+        key = motion.X.tobytes()
+        if key not in self._last:
+            value, slope = self.basis.matrix(motion.X), self.basis.gradient(motion.X)
+            self._last.clear()
+            self._last[key] = (
+                np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
+                np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
+            )
+        both = (np.broadcast_to(a, (len(motion.time), *a.shape)) for a in self._last[key])
+        return Sampled(*both)
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.names), dtype=bool)

@@ -118,14 +118,16 @@ def slopes(
         by_L = _differences(lambda E: pushed(none, E), still, speed)
         by_rate = by_L @ looks.inverse.swapaxes(-1, -2)[:, :, None]
         by_F = by_F - looks.L.swapaxes(-1, -2)[:, :, None] @ by_rate
-    weight, found = forces(looks, gravity), []
+    weight, found, momentum = forces(looks, gravity), [], None
     for own in runs(looks, fields):
         run = looks.at(own)
         sampled = fields.at(run)
         now = _by_gradient(sampled.gradient, by_F[own], bases)
         if not fields.material:
             now += _by_value(_along_x(fields, run, still[own], weight[own]), bases)
-        momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
+        if momentum is None or not fields.fixed:
+            momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
+        momentum = momentum[: len(now)]
         rate = now[:0] if by_rate is None else _by_gradient(sampled.gradient, by_rate[own], bases)
         found.append((now, momentum, rate))
     now, momentum, rate = (
