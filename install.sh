@@ -1,7 +1,8 @@
 #!/bin/sh
 # sh install.sh [test]: makes .venv beside this file and installs form_drake into it, with the system
 # libraries it needs (Debian 12, Debian 13, Ubuntu 24.04; as root or with sudo). "test" adds the tools
-# of the tests. Run again, it does only what is missing.
+# of the tests, a browser among them where root runs it on Debian. Run again, it does only what is
+# missing.
 set -eu
 
 fail() {
@@ -56,7 +57,12 @@ works() { # whether .venv has a python that runs, is new enough and has pip
   "$venv/bin/python" -c 'import sys, pip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null
 }
 
-missing=$(packages)
+browser() { # Debian's package of the browser that opens pages in a test, which does without it
+  [ -n "$extra" ] && ! command -v chromium >/dev/null && ! command -v google-chrome >/dev/null &&
+    grep -q '^ID=debian$' /etc/os-release 2>/dev/null && [ "$(id -u)" -eq 0 ] && echo chromium || :
+}
+
+missing="$(packages)$(browser)"
 if ! works && ! find_python ", ensurepip, venv"; then
   ! command -v python3 >/dev/null || find_python || fail "needs Python 3.11 or newer, found $(python3 -V 2>&1)"
   missing="python3-venv $missing"

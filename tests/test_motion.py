@@ -2,20 +2,23 @@
 
 import importlib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from form_drake.identify import identify
-from form_drake.identify.search import _borne
+from form_drake.identify.search import Problem, _borne
 from form_drake.identify.weak import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
+from form_drake.motion.fit import _smoothed as smoothed
 from form_drake.motion.knots import chosen_space, chosen_time, white_noise
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording, Stream
 from form_drake.weak.choice import axial
+from form_drake.weak.solve import Weights
 from form_drake.weak.system import Row
 
 ready = importlib.import_module("form_drake.weak.ready")
@@ -153,6 +156,28 @@ def test_covariance_of_the_rows_is_that_of_their_errors():
     assert np.mean(white[:, size > 0.1 * size[-1]] ** 2) == pytest.approx(1.0, rel=0.35)
 
 
+def test_the_error_of_a_mode_is_that_of_its_field_and_of_its_series():
+    """Noise along the mode's field at all times, and along its series in all functions."""
+    rng = np.random.default_rng(0)
+    series, field = (a / np.linalg.norm(a) for a in (rng.standard_normal(n) for n in (30, 50)))
+    roughness = np.geomspace(1.0, 1e4, 50)
+    true = 300.0 * np.outer(series, field / np.sqrt(roughness) / 0.1)
+    field = true[0] / np.linalg.norm(true[0])
+    made = [smoothed(true + rng.standard_normal(true.shape), roughness, 1.0) for _ in range(200)]
+    errors = np.array([z for z, _ in made]) - np.mean([z for z, _ in made], axis=0)
+    others = np.eye(30) - np.outer(series, series)
+    drawn = []
+    for _ in range(200):
+        total = np.zeros((50, 30))
+        for part in made[0][1]:
+            white = part.scale * rng.standard_normal((len(part.scale), part.time_root.shape[1]))
+            total += (white if part.mix is None else part.mix @ white) @ part.time_root.T
+        drawn.append(total.T)
+    for project in (lambda e: others @ e @ field, lambda e: series @ e):
+        measured, claimed = (np.mean([project(e) ** 2 for e in some]) for some in (errors, drawn))
+        assert claimed == pytest.approx(measured, rel=0.35)
+
+
 def test_half_of_a_mirrored_body_is_enough(monkeypatch):
     recording = made()
     shape = body(recording)
@@ -209,3 +234,35 @@ def test_fields_that_are_images_of_each_other_are_not_used_twice():
     box = identify(made(), **made_of, weak=WeakOptions(fields=("box",)))
     assert not box.weak.problem.probes[0].fit.space.symmetry
     assert identify(made(), **made_of).weak.problem.probes[0].fit.space.symmetry == SQUARE
+
+
+class Powers(Problem):
+    """b = sum of theta_k times (x^a_k - x^(-a_k / 2)) / x, as a stretched sheet of Ogden's law."""
+
+    x = np.linspace(1.0, 2.2, 40)
+    b = np.zeros(40)
+
+    @property
+    def coarser(self):
+        return self
+
+    def rows(self, eta, theta=None):
+        a = np.exp(eta)
+        return (self.x[:, None] ** a - self.x[:, None] ** (-0.5 * a)) / self.x[:, None], self.b
+
+
+@pytest.mark.parametrize("true, theta", [((1.3, 5.0), (1.0, 0.01)), ((2.0, 8.0), (1.0, 0.001))])
+def test_two_nonlinear_constants_are_found_together(true, theta):
+    unknowns = SimpleNamespace(
+        law=SimpleNamespace(terms=()),
+        keys=("a", "b"),
+        searched=("one", "two"),
+        M=np.eye(2),
+        offset=np.zeros(2),
+        theta=lambda phi: phi,
+    )
+    probe = SimpleNamespace(keep=np.ones(40, dtype=bool))
+    problem = Powers((probe,), unknowns, ((1.0 / 300.0, 300.0), (4.0 / 300.0, 1200.0)))
+    problem.b[:] = problem.rows(np.log(true))[0] @ np.array(theta)
+    eta = problem.searched(Weights((np.eye(40),), 0.0))
+    np.testing.assert_allclose(np.sort(np.exp(eta)), true, rtol=1e-3)

@@ -133,6 +133,7 @@ INSIDE = (
     "neo-hookean",
     "fixed-corotated",
     "von-mises",
+    "drucker-prager",
     "weakly-compressible",
     "newtonian",
     "bingham",

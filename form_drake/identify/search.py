@@ -1,16 +1,17 @@
 """Variable projection: a search over nonlinear constants around the linear weak solve."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from form_drake.motion import Motion
 from form_drake.weak.probe import Probe
-from form_drake.weak.solve import Solution, Weights, bounded, solved
+from form_drake.weak.solve import Solution, Weights, bounded
 from form_drake.weak.stress import strain_over_radius
 from form_drake.weak.system import Row, WeakSystem, stacked
 from form_drake.weak.unknowns import Unknowns
@@ -24,6 +25,8 @@ FEW = 4  # of each, where there are several
 ROUNDS, HALVINGS = 12, 8  # of steps, and of one step
 LONGEST = 0.7  # step of a logarithm
 CLOSE = 1e-4  # the last one
+NOTHING = 1e-12  # share of the residual's square, below which a step promises nothing
+MOST = 60  # evaluations for several constants
 SHAPE_SPAN = 300.0  # either way from the first guess of a shape constant
 YIELD_SPAN = 300.0  # below the largest elastic strain that the motion could hold
 DIFFERENCE = 1e-3  # of the logarithm of a nonlinear constant
@@ -205,32 +208,67 @@ class Problem:
         Args:
             by: weights of the rows.
             start: where the search starts; None: at the best of a coarse scan.
+
+        Raises:
+            ValueError: no value gives a finite stress.
         """
         eta = self.coarser._scanned(by) if start is None else start
         if not len(eta):
             return eta
+        if len(eta) == 1:
+            return self._stepped(eta, by)
         low, high = np.log(np.array(self.ranges)).T
-        left = self._left(eta, by)
+        inside = np.clip(eta, low + CLOSE, high - CLOSE)
+        if not self._jacobian(inside, by).any():  # nothing to follow
+            return np.asarray(inside)
+        found = least_squares(
+            lambda e: self._residual(e, by),
+            inside,
+            jac=lambda e: self._jacobian(e, by),
+            bounds=(low, high),
+            xtol=0.1 * CLOSE,
+            ftol=None,
+            gtol=None,
+            max_nfev=MOST,
+        )
+        return np.asarray(found.x)
+
+    def _stepped(self, eta: np.ndarray, by: Weights) -> np.ndarray:
+        """One constant by steps that are halved until they lessen the residual."""
+        (low,), (high,) = np.log(np.array(self.ranges)).T
+        residual = self._residual(eta, by)
         for _ in range(ROUNDS):
-            step = np.clip(self._step(eta, by), -LONGEST, LONGEST)
-            new = np.clip(eta + step, low, high)
+            slope = self._jacobian(eta, by)[:, 0]
+            steep, left = float(slope @ slope), float(residual @ residual)
+            step = -float(slope @ residual) / steep if steep > 0.0 else 0.0
+            new = np.clip(eta + np.clip(step, -LONGEST, LONGEST), low, high)
             if np.abs(new - eta).max() < CLOSE:
                 return np.asarray(new)
+            if steep * step**2 < NOTHING * left:
+                return eta
             for _ in range(HALVINGS):
-                found = self._left(new, by)
-                if found <= left:
+                residual = self._residual(new, by)
+                if residual @ residual < left:
                     break
                 new = 0.5 * (eta + new)
             else:
                 return eta
-            eta, left = new, found
+            eta = new
         return eta
 
     def _scanned(self, by: Weights) -> np.ndarray:
         """The best of some values of the nonlinear constants."""
         count = GRID if len(self.ranges) == 1 else FEW
         sides = [np.linspace(np.log(a), np.log(z), count + 2)[1:-1] for a, z in self.ranges]
-        return min((np.array(p) for p in product(*sides)), key=lambda eta: self._left(eta, by))
+        tried = [np.array(p) for p in product(*sides)]
+        left = [float(np.sum(self._residual(eta, by) ** 2)) for eta in tried]
+        if not np.isfinite(left).any():
+            spans = (f"{k} in [{a:.3g}, {z:.3g}]" for k, (a, z) in self._spans())
+            raise ValueError(f"no value of {' and '.join(spans)} gives a finite stress")
+        return tried[int(np.argmin(left))]
+
+    def _spans(self) -> Iterable[tuple[str, tuple[float, float]]]:
+        return zip(self.unknowns.searched, self.ranges, strict=True)
 
     def _solved(self, eta: np.ndarray, by: Weights) -> tuple[Solution, np.ndarray]:
         """Solution at exp(eta), and which coefficients are off the bound of their sign."""
@@ -239,22 +277,35 @@ class Problem:
         found = bounded(*self.reduced(*self.rows(eta)), by, least)
         return found, found.theta > least
 
-    def _left(self, eta: np.ndarray, by: Weights) -> float:
-        r = by.white(self._solved(eta, by)[0].residual)
-        return float(r @ r)
+    def _residual(self, eta: np.ndarray, by: Weights) -> np.ndarray:
+        """White residual of the linear solution; infinite where the stress is not finite."""
+        A, b = self.rows(eta)
+        if not (np.isfinite(A).all() and np.isfinite(b).all()):
+            return np.full(len(b), np.inf)
+        return by.white(self._solved(eta, by)[0].residual)
 
-    def _step(self, eta: np.ndarray, by: Weights) -> np.ndarray:
+    def _jacobian(self, eta: np.ndarray, by: Weights) -> np.ndarray:
+        """Derivative of ``_residual``, that of the projection left out."""
         found, free = self._solved(eta, by)
         theta = self.unknowns.theta(found.theta)
-        A = self.reduced(*self.rows(eta))[0][:, free]
-        J = np.hstack([A, self.coarser.slopes(eta, theta)])
-        return solved(J, found.residual, by).theta[A.shape[1] :]
+        A = by.white(self.reduced(*self.rows(eta))[0][:, free])
+        S = by.white(self.coarser.slopes(eta, theta, released=False))
+        U, s, _ = np.linalg.svd(A, full_matrices=False)
+        U = U[:, s > 1e-12 * s.max(initial=0.0)]
+        return np.asarray(U @ (U.T @ S) - S)
 
-    def slopes(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """d (A theta) / d eta, shape [rows, len(eta)]."""
+    def slopes(self, eta: np.ndarray, theta: np.ndarray, *, released: bool = True) -> np.ndarray:
+        """d (A theta) / d eta, shape [rows, len(eta)].
+
+        Args:
+            eta: logarithms of the nonlinear constants.
+            theta: coefficients of all terms.
+            released: whether stretches along traction-free directions are those of theta.
+        """
+        along = theta if released else None
         columns = np.zeros((sum(int(p.keep.sum()) for p in self.probes), len(eta)))
         for n, step in enumerate(DIFFERENCE * np.eye(len(eta))):
-            up, down = (self.rows(eta + s * step, theta)[0] @ theta for s in (1.0, -1.0))
+            up, down = (self.rows(eta + s * step, along)[0] @ theta for s in (1.0, -1.0))
             columns[:, n] = (up - down) / (2.0 * DIFFERENCE)
         return columns
 

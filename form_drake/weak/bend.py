@@ -56,9 +56,6 @@ class BendFields:
     def even(self, axis: int, middle: float, near: float) -> bool:
         return axis == 3 - self.axis - self.push  # wherever the middle: every section has its own
 
-    def exchanged(self, a: int, b: int) -> bool:
-        return False
-
     @property
     def normal(self) -> np.ndarray:
         """Axis of the rotations."""

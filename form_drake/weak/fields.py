@@ -74,11 +74,16 @@ class Fields(Protocol):
 
 @runtime_checkable
 class Mirrored(Protocol):
-    """Fields that some symmetries of the body leave as they are."""
+    """Fields that some mirrors of the body leave as they are."""
 
     def even(self, axis: int, middle: float, near: float) -> bool:
         """Whether they stay as they are when mirrored along an axis about ``middle`` (within ``near``) [m]."""
         ...
+
+
+@runtime_checkable
+class Exchanged(Protocol):
+    """Fields that an exchange of two axes may leave as they are."""
 
     def exchanged(self, a: int, b: int) -> bool:
         """Whether those that are even along two axes stay as they are when the two change places."""

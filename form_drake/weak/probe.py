@@ -34,7 +34,7 @@ class Probe:
         body: the specimen.
         fit: of the tracks.
         sampling: where it is evaluated.
-        rough: fewer points, enough for a first search and for noise.
+        rough: fewer points, enough for a first search and for draws of noise.
         fields: families of test fields.
         windows: in time.
         forces: measured, by tool.
@@ -78,7 +78,7 @@ class Probe:
 
     def _released(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
         """F of its own motion with the stretches that the law chooses; the last are remembered."""
-        key = (tuple(values.items()), theta.tobytes())
+        key = (law.name, tuple(values.items()), theta.tobytes())
         if key not in self._stretched:
             self._stretched.clear()
             F = released(law, self.motion.F, values, theta, self.released)
@@ -162,13 +162,14 @@ class Probe:
         r = law.radius_vector(values)
         if motion is not self.motion:
             return elastic_part(law, motion.F, r)
-        if r.tobytes() not in self._histories:
+        key = (law.name, r.tobytes())
+        if key not in self._histories:
             self._histories.clear()
-            self._histories[r.tobytes()] = elastic_part(law, motion.F, r)
-        return self._histories[r.tobytes()]
+            self._histories[key] = elastic_part(law, motion.F, r)
+        return self._histories[key]
 
     @cached_property
-    def _histories(self) -> dict[bytes, np.ndarray]:
+    def _histories(self) -> dict[tuple[str, bytes], np.ndarray]:
         return {}
 
     @cached_property

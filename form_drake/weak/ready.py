@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from form_drake.motion import Body, Fit, Sampling, body, fit_tracks, supplied
+from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
 from form_drake.records import Recording
-from form_drake.weak.fields import Fields, Mirrored
+from form_drake.weak.fields import Exchanged, Fields, Mirrored
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
@@ -35,10 +35,11 @@ def prepared(
     step = frame / np.ceil(SAMPLES * frame / width - 1e-6)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
     mirrors = _mirrors(recording, fit, fields)
-    exchange = fit.space.symmetry.exchange if mirrored(fit, fields) else ()
-    exchange = exchange if set(exchange) <= set(mirrors) else ()
     cells = _cells(fit, fields, shape, mirrors)
+    exchange = fit.space.symmetry.exchange if mirrored(fit, fields) else ()
     middle = 0.5 * (shape.low + shape.high)[list(exchange)]
+    if not (set(exchange) <= set(mirrors) and _alike(cells, exchange, middle)):
+        exchange = ()
     spatial = not all(f.fixed or not f.material for f in fields)
 
     def sampled(cells: list[np.ndarray], points: int) -> Sampling:
@@ -73,11 +74,29 @@ def prepared(
         usable(shape, fit, fields, ends),
         free,
     )
+    for family in fields:
+        _check(family, probe.motion)
     if not probe.motion.J.min() > 0.0:
         raise ValueError(
             f"{name}: the motion through the tracks folds the body: too few or too noisy"
         )
     return probe
+
+
+def _check(fields: Fields, motion: Motion) -> None:
+    """Refuse fields whose samples have other shapes than all take them to have."""
+    found = fields.at(motion.at(slice(0, 2)))
+    shape = (2, len(fields.names), len(motion.X), 3)
+    for name, value, wanted in (
+        ("value", found.value, shape),
+        ("gradient", found.gradient, (*shape, 3)),
+        ("rate", found.rate, shape),
+    ):
+        if value is not None and value.shape != wanted:
+            raise ValueError(
+                f"test fields {type(fields).__name__}: {name} of shape {value.shape}, wanted"
+                f" [times, fields, points, ...]: {wanted}"
+            )
 
 
 def _mirrors(recording: Recording, fit: Fit, fields: Sequence[Fields]) -> list[int]:
@@ -101,7 +120,13 @@ def mirrored(fit: Fit, fields: Sequence[Fields]) -> bool:
     if not all(_even(fit, fields, a) for a in symmetry.mirrors):
         return False
     both = symmetry.exchange
-    return not both or all(isinstance(f, Mirrored) and f.exchanged(*both) for f in fields)
+    return not both or all(isinstance(f, Exchanged) and f.exchanged(*both) for f in fields)
+
+
+def _alike(cells: list[np.ndarray], axes: tuple[int, ...], middle: np.ndarray) -> bool:
+    """Whether the cells along some axes are the same from the middle on [m]."""
+    own = [cells[a] - m for a, m in zip(axes, middle, strict=True)]
+    return all(len(c) == len(own[0]) and np.allclose(c, own[0], rtol=1e-9) for c in own)
 
 
 def _halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 Blocks = Sequence[np.ndarray]
+TINY = 1e-100  # length of a column that holds nothing
 LEAST_ERROR = 1e-7  # of a row's size: what interpolation and quadrature always leave
 
 
@@ -98,9 +99,9 @@ def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
         return Solution(np.zeros(0), np.zeros((0, 0)), b, 1.0, float(len(b)))
     white, target = by.white(A), by.white(b)
     length = np.linalg.norm(white, axis=0)
-    safe = np.where(length > 0, length, 1.0)
+    safe = np.where(length > TINY, length, 1.0)
     U, s, Vt = np.linalg.svd(white / safe, full_matrices=False)
-    s = np.maximum(s, 1e-12 * max(s[0], 1e-300))
+    s = np.maximum(s, 1e-12 * max(s[0], TINY))
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
     return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U))

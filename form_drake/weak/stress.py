@@ -10,6 +10,7 @@ from form_drake.laws.kernels import flow, responses, types, yield_measures
 
 PRECISION, DECOMPOSITION = "float64", "series"
 LARGEST = 2e-3  # strain in a stride along a plastic history
+LEAST_STRAIN = 1e-3  # of the largest, below which rounding tells what is left of it
 
 
 @cache
@@ -84,14 +85,18 @@ def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def strain_over_radius(law: Law, F: np.ndarray) -> np.ndarray:
-    """|dev e| in units of the law's radius at r = 1; zero where that radius is none, shape [...]."""
+    """|dev e| in units of the law's radius at r = 1, shape [...].
+
+    Zero where that radius is none, and where there is hardly any strain beside the largest.
+    """
     t, shape = types(PRECISION), F.shape[:-2]
     out = wp.empty(int(np.prod(shape)), dtype=t.vec3, device="cpu")
     kernel = yield_measures(law, DECOMPOSITION, PRECISION)
     inputs = [_matrices(F), t.vec4(1.0, 0.0, 0.0, 0.0), out]
     wp.launch(kernel, dim=len(out), inputs=inputs, device="cpu")
     size, radius = out.numpy()[:, 0], out.numpy()[:, 1]
-    found = np.where(radius > 0.0, size / np.where(radius > 0.0, radius, 1.0), 0.0)
+    counts = (radius > 0.0) & (size > LEAST_STRAIN * size.max())
+    found = np.where(counts, size / np.where(counts, radius, 1.0), 0.0)
     return np.asarray(found.reshape(shape))
 
 
