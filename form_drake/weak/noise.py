@@ -1,6 +1,6 @@
 """Covariance of the rows from the noise of the tracks and of the measured forces."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from form_drake.weak.fields import Fields
 from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
-POINTS = 2**15  # at all times together, whose stresses are differentiated at once
 SMALL = 1e-5  # share of the largest entry below which noise of far moments is left out
 
 # (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
@@ -90,6 +89,14 @@ class Slopes:
         both = (self.now, self.momentum)
         return both if self.rate is None else (*both, self.rate)
 
+    @classmethod
+    def joined(cls, parts: Sequence["Slopes"]) -> "Slopes":
+        """Those at successive times as one."""
+        now, momentum, *rate = (
+            np.concatenate(p) for p in zip(*(part.parts for part in parts), strict=True)
+        )
+        return cls(now, momentum, rate[0] if rate else None)
+
 
 def slopes(
     fields: Fields,
@@ -101,25 +108,6 @@ def slopes(
     bases: Bases,
 ) -> Slopes:
     """Derivatives at the times ``at`` (indices)."""
-    count = max(1, POINTS // len(motion.X))
-    parts = [
-        _slopes(fields, motion, at[n : n + count], stress, gravity, rates, bases)
-        for n in range(0, len(at), count)
-    ]
-    whole = [np.concatenate(p) for p in zip(*(part.parts for part in parts), strict=True)]
-    return Slopes(whole[0], whole[1], whole[2] if rates else None)
-
-
-def _slopes(
-    fields: Fields,
-    motion: Motion,
-    at: np.ndarray,
-    stress: Stress,
-    gravity: np.ndarray,
-    rates: bool,
-    bases: Bases,
-) -> Slopes:
-    """As ``slopes``, for so few times that all their points go together."""
     looks = motion.at(at)
 
     def pushed(dF: np.ndarray, dL: np.ndarray) -> np.ndarray:

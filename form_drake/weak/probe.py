@@ -13,12 +13,13 @@ from form_drake.motion.motion import inverse
 from form_drake.weak.balance import Along, balance, runs
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
-from form_drake.weak.noise import Bases, slopes, track_noise
+from form_drake.weak.noise import Bases, Slopes, slopes, track_noise
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row
 from form_drake.weak.windows import Windows
 
+POINTS = 2**15  # at all times together, whose stresses are differentiated at once
 LOOKS = 6  # times in a window at which the noise is linearised
 # share of a row's variance that its linearisation misses: without it, rows that few independent
 # noises drive would be combined into ones that claim to hold no noise at all
@@ -226,7 +227,14 @@ class Probe:
         at = np.arange(0, len(motion.time), every)
         rates = "rate" in law.needs
         bases = Bases.of(self.fit, self.sampling)
-        families = [slopes(f, motion, at, stress, self.gravity, rates, bases) for f in self.fields]
+        count = max(1, POINTS // len(motion.X))
+        blocks = [at[n : n + count] for n in range(0, len(at), count)]
+        families = [
+            Slopes.joined(
+                [slopes(f, motion, b, stress, self.gravity, rates, bases) for b in blocks]
+            )
+            for f in self.fields
+        ]
         total = track_noise(bases, families, every, self.windows)
         total = (total + self._force_noise())[np.ix_(self.keep, self.keep)]
         found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
