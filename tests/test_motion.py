@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from form_drake.identify import identify
-from form_drake.identify.search import Problem, _borne
+from form_drake.identify.problem import Problem, _borne
+from form_drake.identify.search import searched
 from form_drake.identify.weak import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
@@ -264,5 +265,5 @@ def test_two_nonlinear_constants_are_found_together(true, theta):
     probe = SimpleNamespace(keep=np.ones(40, dtype=bool))
     problem = Powers((probe,), unknowns, ((1.0 / 300.0, 300.0), (4.0 / 300.0, 1200.0)))
     problem.b[:] = problem.rows(np.log(true))[0] @ np.array(theta)
-    eta = problem.searched(Weights((np.eye(40),), 0.0))
+    eta = searched(problem, Weights((np.eye(40),), 0.0))
     np.testing.assert_allclose(np.sort(np.exp(eta)), true, rtol=1e-3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.identify.led import rolled
-from form_drake.identify.search import Problem
+from form_drake.identify.problem import Problem
 from form_drake.identify.twin import Offset
 from form_drake.laws import Law
 from form_drake.motion import fit_tracks

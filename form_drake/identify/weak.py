@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from form_drake.identify.problem import Level, Problem
 from form_drake.identify.scene import Twin, twin_offset
-from form_drake.identify.search import Level, Problem
+from form_drake.identify.search import searched
 from form_drake.identify.solve import Identification, Unidentifiable, require_given
 from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import noise_bias, parameters, refuse
@@ -251,7 +252,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     noise = ready.noise
     if options.estimator == "ols":
         equal = Weights(tuple(np.eye(len(n)) for n in noise), by.error)
-        eta = problem.searched(equal)
+        eta = searched(problem, equal)
         solution = problem.solved(problem.system(eta), equal)
     theta = problem.unknowns.theta(solution.theta)
     system = problem.system(eta, theta)
@@ -306,14 +307,14 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
     size = np.mean(sizes / np.sqrt(np.mean(sizes**2, axis=0)), axis=1)
     none = [np.zeros((k, k)) for k in (int(p.keep.sum()) for p in problem.probes)]
     by = weights(none, size / size.max(), 1.0)
-    eta = coarse.searched(by)
+    eta = searched(coarse, by)
     solution = coarse.solved(coarse.system(eta), by)
     for n in range(PASSES):
         before, theta = eta, problem.unknowns.theta(solution.theta)
         noise = (coarse if n == 0 else problem).noise(eta, theta)
         system = problem.system(eta, theta)
         by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
-        eta = problem.searched(by, eta)
+        eta = searched(problem, by, eta)
         solution = problem.solved(problem.system(eta), by)
         change = np.abs(problem.unknowns.theta(solution.theta) - theta)
         moved = np.max(np.abs(eta - before), initial=0.0)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from form_drake.identify.search import Drawn, Problem, Rows
+from form_drake.identify.problem import Drawn, Problem, Rows
 from form_drake.identify.solve import Unidentifiable
 from form_drake.laws.values import LAME
 from form_drake.weak.solve import Solution, Weights, solved
