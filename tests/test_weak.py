@@ -14,9 +14,9 @@ from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.identify import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import Motion, Sampling, body, fit_tracks
+from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
-from form_drake.weak.fields import AxialFields
 from form_drake.weak.windows import bump, even, windows
 
 ORACLES = Path(__file__).parent / "oracles"

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from form_drake.motion import Motion
-from form_drake.weak.fields import Sampled, smoothstep
+from form_drake.weak.axial import smoothstep
+from form_drake.weak.fields import Sampled
 
 
 @dataclass(frozen=True)

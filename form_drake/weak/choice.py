@@ -8,9 +8,10 @@ import numpy as np
 from form_drake.laws import Law
 from form_drake.motion import Body, Face, Fit, Sampling
 from form_drake.records import Recording
+from form_drake.weak.axial import AxialFields
 from form_drake.weak.bend import BendFields
 from form_drake.weak.curl import CurlFields
-from form_drake.weak.fields import AxialFields, BoxFields, Fields
+from form_drake.weak.fields import BoxFields, Fields
 from form_drake.weak.grid import DEGREE, grid_fields
 from form_drake.weak.reach import usable
 from form_drake.weak.stress import volumetric
