@@ -13,7 +13,7 @@ from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
 from form_drake.weak.windows import windows
 
-SAMPLES = 16  # fewest times in a window
+SAMPLES = 8  # fewest times in a window
 GAUSS, ROUGH = 3, 2  # points along each axis of a cell, of one or two cells
 
 
