@@ -17,6 +17,7 @@ from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
+from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
 
 ORACLES = Path(__file__).parent / "oracles"
@@ -191,6 +192,16 @@ def test_three_inclinations_give_the_granular_law_and_one_does_not(exact):
     with pytest.raises(Unidentifiable, match="inclinations") as caught:
         identify(made[0][0])
     assert set(caught.value.keys) == {"mu_s", "delta_mu", "I_0"}
+
+
+def test_a_measured_pressure_that_is_noise_gives_a_finite_stress():
+    law, F = law_named("mu-i"), np.tile(np.eye(3), (2, 1, 1))
+    L = np.zeros((2, 3, 3))
+    L[:, 0, 2] = 1.0
+    values = {"I_0": 0.3, "grain_diameter": 5e-3, "grain_density": 2500.0, "epsilon": 0.2}
+    values |= {"mu_s": 1.0, "delta_mu": 1.0, "kappa": 1e4}
+    T = unit_stresses(law, F, L, values, pressure=np.array([-1.0, 100.0]))
+    assert np.isfinite(T).all() and T[0, 1, 0, 2] > 0.0
 
 
 def test_known_nu_ties_the_moduli(exact):

@@ -59,7 +59,8 @@ def inertial_friction(q: Any, s: Any):
     Written without a division by p, so that it vanishes with the pressure.
     """
     rate = regularised_rate(shear_rate_tensor(q.L), s[3]) * s[1] * wp.sqrt(s[2])
-    return rate / (rate + s[0] * wp.sqrt(q.p)) * static_friction(q, s)
+    root = wp.sqrt(wp.max(q.p, type(q.p)(0.0)))  # a measured pressure may be noise
+    return rate / (rate + s[0] * root) * static_friction(q, s)
 
 
 @wp.func
