@@ -54,7 +54,7 @@ class Fit:
         misfit: root mean square residual of the tracks, per degree of freedom left [m].
         held_out: root mean square error at held-out tracks [m].
         roots: R of every block of the space, with R R^T the covariance of the coefficients of its
-            functions per unit noise, were none of it smoothed.
+            functions per unit noise, were none of it smoothed or held by the ridge.
         spread: parts of the covariance, see there.
     """
 
@@ -129,7 +129,8 @@ def fit_tracks(
     z, back = Q.T @ white, np.linalg.inv(R)
     count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
     misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
-    z, parts = _smoothed(z, roughness, follow)
+    told = np.maximum(1.0 - RIDGE * len(X) * roughness, 0.0)  # the rest the ridge holds, not data
+    z, parts = _smoothed(z, roughness, told, follow)
     parts = tuple(replace(part, time_root=noise * back @ part.time_root) for part in parts)
     c = space.tied(_by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
@@ -143,7 +144,7 @@ def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> 
 
 
 def _smoothed(
-    z: np.ndarray, roughness: np.ndarray, noise: float
+    z: np.ndarray, roughness: np.ndarray, told: np.ndarray, noise: float
 ) -> tuple[np.ndarray, tuple[Spread, ...]]:
     """Coefficients of white noise, smoothed in space: each mode by itself, and the rest together.
 
@@ -153,7 +154,8 @@ def _smoothed(
     Args:
         z: shape [moments, functions].
         roughness: shape [functions].
-        noise: standard deviation of a coefficient [m].
+        told: variance of each coefficient per square of the noise, at most 1, shape [functions].
+        noise: standard deviation of a coefficient that the data tell [m].
 
     Returns:
         Coefficients, shape of z, and their error per unit noise by moments: the share that is kept
@@ -170,11 +172,11 @@ def _smoothed(
         own = _share((size * mode) ** 2, roughness, noise)
         own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
         found += np.outer(series, own * size * mode)
-        scales.append(np.sqrt(own - rest))
-        mix.append(scales[-1] * mode)
+        scales.append(np.sqrt(told * (own - rest)))
+        mix.append(np.sqrt((own - rest) * (told @ mode**2)) * mode)
     others = np.eye(len(z)) - U @ U.T
     return found, (
-        Spread(np.sqrt(rest)[:, None], np.eye(len(z))),
+        Spread(np.sqrt(told * rest)[:, None], np.eye(len(z))),
         Spread(np.array(scales).T, U),
         Spread(np.ones((len(mix), 1)), others, np.array(mix).T),
     )
