@@ -140,6 +140,41 @@ def test_covariance_of_a_symmetric_fit_is_that_of_its_errors():
     assert errors < 0.2 * noise
 
 
+def test_what_the_fields_do_not_follow_is_in_the_covariance():
+    """Waves shorter than the distance of the tracks: independent from point to point, not in time."""
+    shape, plain = body(made()), made(noise=1e-7)
+    first = fit_tracks(plain, shape)
+    X = np.random.default_rng(3).uniform(LOW, HIGH, (30, 3))
+    Phi, B = first.space.scalar.matrix(X), first.time.matrix(np.linspace(0.1, 0.7, 9))
+
+    def size(change):
+        return np.sqrt(np.mean(np.einsum("pa,ait,st->pis", Phi, change, B) ** 2))
+
+    def fitted(seed):
+        wave = 5e-6 * np.random.default_rng(seed).standard_normal(plain.p_WQ.shape[1:])
+        wave = wave * (1.5 * np.sin(2.0 * plain.time))[:, None, None]
+        return fit_tracks(replace(plain, p_WQ=plain.p_WQ + wave), shape, like=first)
+
+    fits = [fitted(seed) for seed in range(12)]
+    errors = np.mean([size(f.c - first.c) for f in fits])
+    claimed = np.mean([size(f.draw(np.random.default_rng(n))) for n, f in enumerate(fits)])
+    assert claimed == pytest.approx(errors, rel=0.25)
+    assert size(first.draw(np.random.default_rng(0))) < 0.1 * errors
+
+
+def test_a_body_that_drifts_is_symmetric_about_its_centre():
+    still = made()
+    shape, first = body(still), fit_tracks(made(), body(made()))
+    drift = np.outer(np.sin(3.0 * still.time), [1e-3, -2e-4, 0.0])[:, None]
+    X = still.reference
+    uneven = X[:, 0] > -0.3 * X[:, 1]  # tracks that lie unevenly must not turn drift into strain
+    moved = replace(still, p_WQ=(still.p_WQ + drift)[:, uneven], p_reference=X[uneven])
+    found = fit_tracks(moved, shape)
+    assert first.space.symmetry == found.space.symmetry == SQUARE
+    again = fit_tracks(moved, shape, like=first)
+    assert np.abs(again.c - first.c).max() < 1e-3 * 1e-3
+
+
 def test_covariance_of_the_rows_is_that_of_their_errors(monkeypatch):
     # with smoothing the claim holds what that takes away too, of which such plain motion has little
     monkeypatch.setattr(

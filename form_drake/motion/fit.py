@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
+from form_drake.motion.drift import centred
 from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
@@ -19,6 +20,8 @@ from form_drake.motion.tracks import jitter, noise_of, tracks
 from form_drake.records import Recording
 
 FLAT = 1e-9  # of the largest roughness, below which a function has none
+FAINT = 0.01  # of the largest mode that the fields leave, below which one is left out
+CLEAR = 1.05  # times the largest singular value that noise alone would give
 FACTORS = 200  # of smoothing that are compared
 # times the likely variance that a mode is granted: what smoothing costs must stay below the noise
 UNDER = 10.0
@@ -109,7 +112,7 @@ def fit_tracks(
     stated = recording.noise
     noise = noise_of(recording.time, u, valid) if stated is None else stated
     space = like.space if like else chosen_space(X, u, valid, body, noise, symmetric=symmetric)
-    u = filled(space, X, u, valid)
+    u = centred(space.symmetry, body, X, filled(space, X, u, valid))
     white, roots, roughness = _projected(space, X, u, valid)
     Phi = space.scalar.matrix(X)
 
@@ -132,6 +135,8 @@ def fit_tracks(
     told = np.maximum(1.0 - RIDGE * len(X) * roughness, 0.0)  # the rest the ridge holds, not data
     z, parts = _smoothed(z, roughness, told, follow)
     parts = tuple(replace(part, time_root=noise * back @ part.time_root) for part in parts)
+    series = _unfollowed(rest, noise, freedom)
+    parts = (*parts, Spread(np.sqrt(told)[:, None], back @ Q.T @ series))
     c = space.tied(_by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
     return Fit(space, splines, c, noise, misfit, held, roots, parts)
@@ -180,6 +185,32 @@ def _smoothed(
         Spread(np.array(scales).T, U),
         Spread(np.ones((len(mix), 1)), others, np.array(mix).T),
     )
+
+
+def _unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
+    """Series of what the fields leave of the tracks and noise does not explain [m].
+
+    Waves shorter than the distance of the tracks look like noise that is independent from track to
+    track, but stays in time. Its covariance in time is that of the modes of the residual, whose
+    sizes noise has enlarged (Benaych-Georges and Nadakuditi, "The singular values and vectors of low
+    rank perturbations of large rectangular random matrices", 2012).
+
+    Args:
+        rest: residual of the tracks [m], shape [frames, points, 3].
+        noise: standard deviation of a coordinate [m].
+        freedom: share of the coordinates that the fields leave free.
+
+    Returns:
+        Root of the covariance, shape [frames, modes].
+    """
+    y = rest.reshape(len(rest), -1)
+    U, S, _ = np.linalg.svd(y, full_matrices=False)
+    rows, columns = len(y), freedom * y.shape[1]
+    above = S**2 - noise**2 * (rows + columns)
+    square = 0.5 * (above + np.sqrt(np.maximum(above**2 - 4.0 * noise**4 * rows * columns, 0.0)))
+    sure = S > CLEAR * noise * (np.sqrt(rows) + np.sqrt(columns))
+    kept = sure & (S > FAINT * S[0])
+    return U[:, kept] * np.sqrt(square[kept] / columns)
 
 
 def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray:

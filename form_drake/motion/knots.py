@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
+from form_drake.motion.drift import centred
 from form_drake.motion.space import Space, Symmetry, paired
 from form_drake.motion.splines import Splines, Tensor
 
@@ -209,7 +210,8 @@ class _Bases:
             self._known[key] = np.inf
             with suppress(np.linalg.LinAlgError):
                 if few and space.size <= 3.0 * LARGEST * len(X):
-                    self._known[key] = press(space, X, filled(space, X, u, valid), valid)
+                    whole = centred(symmetry, self._body, X, filled(space, X, u, valid))
+                    self._known[key] = press(space, X, whole, valid)
         return self._known[key]
 
     def limit(self, lowest: float) -> float:
