@@ -9,7 +9,7 @@ cannot follow, while the balance, which gathers frames too, would see it as a bi
 """
 
 from contextlib import suppress
-from itertools import pairwise
+from itertools import pairwise, permutations, product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -172,8 +172,10 @@ def chosen_space(
     if symmetry:
         own, least = bases.climbed(symmetry, floor)
         if least <= floor or least < limit:
-            return bases.space(own, symmetry)
-    return bases.space(rungs, Symmetry())
+            rungs = own
+        else:
+            symmetry = Symmetry()
+    return bases.space(bases.traded(rungs, symmetry, floor), symmetry)
 
 
 class _Bases:
@@ -232,6 +234,26 @@ class _Bases:
                 break
             best, lowest = candidate, min(lowest, tried[candidate])
         return best, lowest
+
+    def traded(self, rungs: tuple[int, ...], symmetry: Symmetry, floor: float) -> tuple[int, ...]:
+        """Steps along one axis given for steps along another, while the error becomes less."""
+        best = rungs
+        groups: list[tuple[int, ...]] = [(a,) for a in range(3) if a not in symmetry.exchange]
+        groups += [symmetry.exchange] * bool(symmetry.exchange)
+        while self.error(best, symmetry) > floor:
+            tried = {best: self.error(best, symmetry)}
+            for (less, more), down, up in product(permutations(groups, 2), (1, 2), (1, 2)):
+                own = np.array(best)
+                own[list(less)] -= down
+                own[list(more)] += up
+                if 0 <= own.min() and own.max() < len(LADDER):
+                    key = tuple(own.tolist())
+                    tried[key] = self.error(key, symmetry)
+            found = min(tried, key=lambda r: tried[r])
+            if found == best:
+                break
+            best = found
+        return best
 
 
 def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
