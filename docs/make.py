@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.laws import LAWS
+from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
 from form_drake.records import Camera, Recording, Solver, States, Stream, Wall, write_recording
@@ -124,14 +124,15 @@ def markdown_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 def laws_table() -> str:
     """Every law: its keys with units, what is derived, its Kirchhoff stress."""
     rows = []
-    for law in LAWS.values():
+    for law in (LAWS | ADDITIONS).values():
         keys = []
         for p in law.parameters:
             told = p.given if isinstance(p, Term) else p.role == "given"
             unit = "" if p.unit == "-" else f" [{p.unit}]"
             keys.append(f"`{p.key}`{unit}{' given' if told else ''}")
-        more = ", ".join(f"`{k}`" for k in derived(law))
-        rows.append((f"`{law.name}`", ", ".join(keys), more, f"`{law.equation}`"))
+        more = ", ".join(f"`{k}`" for k in derived(law) if not law.adds_to)
+        name = f"... `+{law.name}`" if law.adds_to else f"`{law.name}`"
+        rows.append((name, ", ".join(keys), more, f"`{law.equation}`"))
     return markdown_table(("law", "parameters", "derived", "Kirchhoff stress"), rows)
 
 

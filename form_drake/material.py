@@ -123,7 +123,7 @@ def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
         out["nu"] = ("-", lambda v: _poisson(*law.moduli(v)))
     if "kappa" not in law.keys or law.summands:  # of a sum, kappa may be a part of K only
         out["K"] = ("Pa", lambda v: law.moduli(v)[0])
-    if law.name == "von-mises":
+    if any(part.name == "von-mises" for part in law.parts):
         out["Y"] = ("Pa", lambda v: np.sqrt(1.5) * v["tau_y"])
     if "alpha" in law.keys:
         out["friction_angle"] = ("rad", lambda v: _cone_angle(v["alpha"]))

@@ -10,8 +10,8 @@ import tyro
 from form_drake.commands.output import emit, say
 from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
-from form_drake.laws import LAWS
-from form_drake.laws.law import Term
+from form_drake.laws import ADDITIONS, LAWS
+from form_drake.laws.law import Law, Term
 from form_drake.material import derived, read_material
 from form_drake.records import READERS, Recording, read
 
@@ -34,7 +34,7 @@ class List:
     def run(self) -> None:
         """Print the list."""
         if self.what == "laws":
-            found: dict[str, Any] = {name: _law(name) for name in LAWS}
+            found: dict[str, Any] = {n: _law(law) for n, law in (LAWS | ADDITIONS).items()}
             lines = [
                 f"{n:20} {', '.join(e['parameters']):62} {e['stress']}" for n, e in found.items()
             ]
@@ -49,6 +49,7 @@ class List:
         emit("\n".join(lines), {self.what: found}, as_json=self.json)
         if self.what == "laws" and not self.json:
             say("Elastic laws may be added to each other, and fluids to each other: yeoh+gent.")
+            say(f"{', '.join(ADDITIONS)} only add to a solid: fixed-corotated+damping.")
 
 
 def _scenario(name: str | Path) -> dict[str, Any]:
@@ -70,8 +71,7 @@ def _scenarios() -> dict[str, Any]:
     return {name: _scenario(name) for name in named()}
 
 
-def _law(name: str) -> dict[str, Any]:
-    law = LAWS[name]
+def _law(law: Law) -> dict[str, Any]:
     parameters = {}
     for p in law.parameters:
         role = ("given" if p.given else "linear") if isinstance(p, Term) else p.role

@@ -81,6 +81,7 @@ NEWTONIAN = Law(
     parameters=(ETA, GIVEN_KAPPA),
     moduli=lambda v: (v["kappa"], 0.0),
     equation="2 eta J dev D + kappa J (J - 1) I",
+    viscosity=lambda v: v["eta"],
     needs=frozenset({"rate"}),
     flow="fluid",
 )
@@ -95,6 +96,7 @@ BINGHAM = Law(
     ),
     moduli=lambda v: (v["kappa"], 0.0),
     equation="2 eta J dev D + 2 tau_y J dev D / gamma + kappa J (J - 1) I",
+    viscosity=lambda v: v["eta"] + v["tau_y"] / v["epsilon"],
     needs=frozenset({"rate"}),
     flow="fluid",
 )

@@ -15,6 +15,11 @@ import warp as wp
 
 Values = Mapping[str, float]
 
+
+def _none(_: Values) -> float:
+    return 0.0
+
+
 MOST_CONSTANTS = 4  # what the vector s of the kernels holds
 NEEDS = frozenset({"rotation", "strain", "rate"})
 
@@ -53,6 +58,7 @@ class Constant:
             and must be stated, ``yield`` bounds the elastic strain.
         guess: first guesses, as for a term.
         excited: as for a term.
+        signed: as for a term.
     """
 
     key: str
@@ -60,6 +66,7 @@ class Constant:
     role: Literal["shape", "given", "yield"]
     guess: tuple[float, ...] = (1.0,)
     excited: str = "strain the body more"
+    signed: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,10 @@ class Law:
         radius_constants: values -> the constants r of ``radius``.
         pressure: Warp function J -> pressure [Pa] per unit ``kappa``, for laws that read it.
         equation: the stress in plain text.
+        viscosity: values -> largest viscosity that the responses admit [Pa s].
+        stretched: values -> what a direction adds to the modulus of pressure waves along it, beside
+            the moduli [Pa].
+        adds_to: flows of the laws to which this one is but an addition; empty: it is a law by itself.
         summands: the laws of which this one is the sum, as ``yeoh + gent`` makes it.
 
     Raises:
@@ -89,6 +100,9 @@ class Law:
     parameters: tuple[Term | Constant, ...]
     moduli: Callable[[Values], tuple[float, float]] = field(repr=False)
     equation: str
+    viscosity: Callable[[Values], float] = field(default=_none, repr=False)
+    stretched: Callable[[Values], float] = field(default=_none, repr=False)
+    adds_to: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
     flow: Literal["elastic", "plastic", "fluid", "granular"] = "elastic"
     radius: wp.Function | None = field(default=None, repr=False)
@@ -172,4 +186,4 @@ class Law:
     def wave_speed(self, values: Values, density: float) -> float:
         """Speed of pressure waves at rest [m/s], for a density [kg/m^3]."""
         K, G = self.moduli(values)
-        return float(np.sqrt(max(K + 4.0 / 3.0 * G, 0.0) / density))
+        return float(np.sqrt(max(K + 4.0 / 3.0 * G + self.stretched(values), 0.0) / density))

@@ -1,5 +1,6 @@
 """Laws by name."""
 
+from form_drake.laws.additions import ADDITIONS
 from form_drake.laws.elastic import FIXED_COROTATED, GENT, MOONEY_RIVLIN, NEO_HOOKEAN, YEOH
 from form_drake.laws.flow import BINGHAM, MU_I, NEWTONIAN, WEAKLY_COMPRESSIBLE
 from form_drake.laws.law import Law
@@ -34,10 +35,12 @@ def law_named(name: str) -> Law:
         ValueError: no law has this name, or those named cannot be added; the message lists what
             can be chosen.
     """
-    known = LAWS | OWN
+    known = LAWS | ADDITIONS | OWN
     names = [part.strip() for part in name.split("+")]
     for part in names:
         if part not in known:
             raise ValueError(f"unknown law {part!r}: choose one of {', '.join(known)}")
     laws = tuple(known[part] for part in names)
+    if all(law.adds_to for law in laws):
+        raise ValueError(f"{name} only adds to a law with stiffness: fixed-corotated+{name}")
     return laws[0] if len(laws) == 1 else added(laws)

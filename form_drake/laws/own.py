@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import warp as wp
 
+from form_drake.laws.additions import ADDITIONS
 from form_drake.laws.law import Law
 from form_drake.laws.named import LAWS, OWN
 
@@ -33,7 +34,7 @@ def load(path: Path) -> list[Law]:
             the name of one is taken.
     """
     path = Path(path).absolute()
-    loaded = {id(law) for law in (LAWS | OWN).values()}
+    loaded = {id(law) for law in (LAWS | ADDITIONS | OWN).values()}
     found: dict[int, Law] = {}
     for thing in vars(_run(path)).values():
         if isinstance(thing, Law) and id(thing) not in loaded and not thing.summands:
@@ -46,7 +47,7 @@ def load(path: Path) -> list[Law]:
         fault = _fault(law)
         if names.count(law.name) > 1:
             fault = "the file declares two laws of this name"
-        elif law.name in LAWS or _files.get(law.name, path) != path:
+        elif law.name in LAWS | ADDITIONS or _files.get(law.name, path) != path:
             fault = f"the name is taken by {_files.get(law.name, 'a law of this package')}"
         if fault:
             raise ValueError(f"{path}: law {law.name!r}: {fault}")

@@ -2,7 +2,8 @@
 
 Terms that are one and the same function would be equal columns, so they become one parameter; every
 summand's responses read their own constants. Only what a body keeps of its deformation limits what
-may be added: elastic laws to each other, and fluids to each other.
+may be added: elastic laws to each other, fluids to each other, and to a solid what bears nothing by
+itself (``Law.adds_to``).
 """
 
 import ast
@@ -36,9 +37,11 @@ class Share:
 
     def moduli(self, values: Values) -> tuple[float, float]:
         """What it adds to the moduli [Pa] of the sum at the sum's values."""
-        return self.law.moduli(
-            {k: 0.0 if k in self.repeated else values[name] for k, name in self.names.items()}
-        )
+        return self.law.moduli(self.own(values))
+
+    def own(self, values: Values) -> dict[str, float]:
+        """Values by its own keys, zero where an earlier summand has them already."""
+        return {k: 0.0 if k in self.repeated else values[name] for k, name in self.names.items()}
 
     def equation(self) -> str:
         """What it adds to the stress, in the names of the sum."""
@@ -88,13 +91,24 @@ def added(laws: tuple[Law, ...]) -> Law:
         pairs = [share.moduli(values) for share in shares]
         return sum(K for K, _ in pairs), sum(G for _, G in pairs)
 
+    (main, *_) = [share for share in shares if not share.law.adds_to]
+    bounded, radius_constants = main.law.radius_constants, None
+    if bounded is not None:
+
+        def radius_constants(values: Values) -> tuple[float, ...]:
+            return bounded(main.own(values))
+
     return Law(
         name="+".join(law.name for law in laws),
         parameters=tuple(parameters.values()),
         moduli=moduli,
         equation=" + ".join(filter(None, (share.equation() for share in shares))),
         needs=frozenset[str]().union(*(law.needs for law in laws)),
-        flow=laws[0].flow,
+        flow=main.law.flow,
+        radius=main.law.radius,
+        radius_constants=radius_constants,
+        viscosity=lambda v: sum(share.law.viscosity(share.own(v)) for share in shares),
+        stretched=lambda v: sum(share.law.stretched(share.own(v)) for share in shares),
         summands=laws,
     )
 
@@ -104,12 +118,16 @@ def _refuse_others(laws: tuple[Law, ...]) -> None:
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice is not None:
         raise ValueError(f"{'+'.join(names)}: {twice} is added to itself; name every law once")
-    kinds = {law.flow for law in laws}
-    if len(kinds) > 1 or not kinds <= set(ADDABLE) or any(law.pressure for law in laws):
-        stated = ", ".join(f"{law.name} is {law.flow}" for law in laws)
+    main = [law for law in laws if not law.adds_to]
+    kinds = {law.flow for law in main}
+    alike = len(main) == 1 or (kinds <= set(ADDABLE) and not any(law.pressure for law in main))
+    fits = all(kinds <= law.adds_to for law in laws if law.adds_to)
+    if len(kinds) != 1 or not alike or not fits:
+        kind = {law.name: "an addition" if law.adds_to else law.flow for law in laws}
+        stated = ", ".join(f"{name} is {of}" for name, of in kind.items())
         raise ValueError(
-            f"{'+'.join(names)}: {stated}; only elastic laws may be added to each other, and fluids"
-            " that read no pressure to each other"
+            f"{'+'.join(names)}: {stated}; only elastic laws may be added to each other, fluids that"
+            " read no pressure to each other, and additions to the solids that they fit"
         )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.laws.law import Law, Term, Values
+from form_drake.laws.law import Law, Values
 
 LAME = ("mu", "lam")
 ENGINEERING = ("E", "nu")
@@ -13,8 +13,11 @@ STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
 
 
 def has_lame(law: Law) -> bool:
-    """Whether E and nu can stand for the law's mu and lam: not in a sum, whose moduli hold more."""
-    return set(LAME) <= set(law.keys) and not law.summands
+    """Whether E and nu can stand for the law's mu and lam: not in a sum, whose moduli hold more.
+
+    What only adds to a law adds nothing to its moduli.
+    """
+    return set(LAME) <= set(law.keys) and len([p for p in law.parts if not p.adds_to]) == 1
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
@@ -70,9 +73,7 @@ def allowed_value(law: Law, key: str, value: float) -> float:
     Raises:
         ValueError: it is not finite, not positive though the parameter must be, or no cone at all.
     """
-    parameter = law.parameter(key)
-    signed = isinstance(parameter, Term) and parameter.signed
-    if not signed and not value > 0:
+    if not law.parameter(key).signed and not value > 0:
         raise ValueError(f"{key}: must be positive, got {value}")
     if key == "alpha" and not value < STEEPEST:
         raise ValueError(

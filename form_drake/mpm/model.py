@@ -73,9 +73,7 @@ def stable_dt(
     rho dx^2 / (6 eta) with the largest viscosity that the regularisation admits.
     """
     limit = cfl * dx / (law.wave_speed(values, density) + speed + 1e-12)
-    eta = values.get("eta", 0.0)
-    if "tau_y" in values and values.get("epsilon"):
-        eta += values["tau_y"] / values["epsilon"]
+    eta = law.viscosity(values)
     if eta > 0.0:
         limit = min(limit, density * dx * dx / (6.0 * eta))
     return limit
