@@ -21,6 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Term
 from form_drake.material import derived
@@ -82,6 +83,16 @@ API = {
         "form_drake.mpm.exchange.Scene",
         "form_drake.mpm.exchange.Snapshot",
     ),
+    "Effects": (
+        "form_drake.effects.Effect",
+        "form_drake.effects.Reading",
+        "form_drake.effects.World",
+        "form_drake.effects.Ball",
+        "form_drake.effects.Inclusion",
+        "form_drake.effects.AddedMass",
+        "form_drake.mpm.stage.Stage",
+        "form_drake.diagnose.ProbeReading",
+    ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",
         "form_drake.systems.scenario.Scenario",
@@ -134,6 +145,19 @@ def laws_table() -> str:
         name = f"... `+{law.name}`" if law.adds_to else f"`{law.name}`"
         rows.append((name, ", ".join(keys), more, f"`{law.equation}`"))
     return markdown_table(("law", "parameters", "derived", "Kirchhoff stress"), rows)
+
+
+def effects_table() -> str:
+    """Every effect: its sentence, coefficient and shape, and what shows it."""
+    rows = []
+    for effect in CATALOGUE.values():
+        unit = "" if effect.unit == "-" else f" [{effect.unit}]"
+        sign = "either sign" if effect.signed else "positive"
+        shapes = ", ".join(f"`{name}`" for name in effect.shapes)
+        side = "the world" if effect.world else "a sensor"
+        head = (f"`{effect.id}`", effect.sentence, f"{sign}{unit}", shapes)
+        rows.append((*head, side, "; ".join(effect.shown)))
+    return markdown_table(("effect", "what it is", "coefficient", "shape", "of", "shown by"), rows)
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
@@ -344,10 +368,12 @@ def api_page() -> str:
 def pages() -> dict[Path, str]:
     """Every page that the code determines, as it must be."""
     theory, recording = DOCS / "theory.md", DOCS / "recording.md"
+    effects = DOCS / "effects.md"
     layout = marked(recording.read_text(), "layout", layout_table())
     layout = marked(layout, "solver", settings_table(Solver))
     return {
         theory: marked(theory.read_text(), "laws", laws_table()),
+        effects: marked(effects.read_text(), "effects", effects_table()),
         recording: marked(layout, "walls", settings_table(Wall)),
         DOCS / "api.md": api_page(),
     }

@@ -27,8 +27,9 @@ from form_drake import (
 )
 from form_drake.bench import cases
 from form_drake.commands import VERBS
-from form_drake.libraries import DEBIAN
+from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS
+from form_drake.libraries import DEBIAN
 from form_drake.mpm.bodies import rigid_velocity
 from form_drake.records import States, write_recording
 
@@ -135,6 +136,16 @@ def test_version_as_json(capsys, arguments):
 
 def test_help_mentions_the_version(capsys):
     assert "--version [--json]" in " ".join(run(capsys, "--help")[1].split())
+
+
+def test_list_effects(capsys):
+    code, out, _ = run(capsys, "list", "effects")
+    assert code == 0 and [line.split()[0] for line in out.splitlines()] == list(CATALOGUE)
+    effects = json.loads(run(capsys, "list", "effects", "--json")[1])["effects"]
+    assert effects["drag"]["unit"] == "1/s" and effects["drag"]["of"] == "the world"
+    assert (
+        effects["force-gain"]["of"] == "a sensor" and effects["inclusion"]["shapes"][-1] == "radius"
+    )
 
 
 def test_list_laws(capsys):

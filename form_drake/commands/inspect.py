@@ -8,6 +8,7 @@ from typing import Any, Literal
 import tyro
 
 from form_drake.commands.output import emit, say
+from form_drake.effects import CATALOGUE, Effect
 from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
 from form_drake.laws import ADDITIONS, LAWS
@@ -24,9 +25,9 @@ def material_files() -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class List:
-    """List the laws, materials or scenarios that come with the package."""
+    """List the laws, materials, scenarios or effects that come with the package."""
 
-    what: tyro.conf.Positional[Literal["laws", "materials", "scenarios"]]
+    what: tyro.conf.Positional[Literal["laws", "materials", "scenarios", "effects"]]
     """What to list."""
     json: bool = False
     """Print one JSON object instead of a table."""
@@ -38,6 +39,9 @@ class List:
             lines = [
                 f"{n:20} {', '.join(e['parameters']):62} {e['stress']}" for n, e in found.items()
             ]
+        elif self.what == "effects":
+            found = {name: _effect(effect) for name, effect in CATALOGUE.items()}
+            lines = [f"{n:16} {e['unit']:7} {e['sentence']}" for n, e in found.items()]
         elif self.what == "scenarios":
             found = _scenarios()
             lines = [
@@ -50,6 +54,18 @@ class List:
         if self.what == "laws" and not self.json:
             say("Elastic laws may be added to each other, and fluids to each other: yeoh+gent.")
             say(f"{', '.join(ADDITIONS)} only add to a solid: fixed-corotated+damping.")
+
+
+def _effect(effect: Effect) -> dict[str, Any]:
+    return {
+        "sentence": effect.sentence,
+        "unit": effect.unit,
+        "signed": effect.signed,
+        "prior": list(effect.prior),
+        "shapes": list(effect.shapes),
+        "shown": list(effect.shown),
+        "of": "the world" if effect.world else "a sensor",
+    }
 
 
 def _scenario(name: str | Path) -> dict[str, Any]:

@@ -40,7 +40,8 @@ class Scene:
 
     Args:
         materials: of the bodies, with density.
-        bodies: particles in world coordinates [m]; densities are those of the materials.
+        bodies: particles in world coordinates [m]; their densities are those of the materials, unless
+            every particle has one of its own.
         tools: that touch or hold them.
         region: lower and upper corner of where particles may go [m], shape [2, 3].
         dx: grid spacing [m].
@@ -87,8 +88,8 @@ class Scene:
         for material, body in zip(materials, bodies, strict=True):
             if material.density is None:
                 raise ValueError(f"a material of law {material.law.name} states no density")
-            density = material.density * mass_scale
-            moved.append(replace(body, x=body.x - self.corner, density=density))
+            density = body.density if np.ndim(body.density) else material.density
+            moved.append(replace(body, x=body.x - self.corner, density=density * mass_scale))
         self.simulation = Simulation(
             solver, [m.law for m in materials], moved, tools=tools, device=device
         )

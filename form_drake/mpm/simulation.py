@@ -309,7 +309,9 @@ class Simulation:
         """The smallest ``stable_dt`` of the bodies [s]."""
         dx = self.solver.dx
         parts = zip(self.laws, self._values, self.bodies, strict=True)
-        return min(stable_dt(law, v, body.density, dx, speed, cfl) for law, v, body in parts)
+        return min(
+            stable_dt(law, v, float(np.min(body.density)), dx, speed, cfl) for law, v, body in parts
+        )
 
     def _limit(self) -> float:
         """Time step [s] that stays stable while gravity acts for ``GRAPH_STEPS`` steps."""

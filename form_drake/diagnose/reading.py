@@ -1,0 +1,148 @@
+"""A measured motion as effects read it: what each source adds to the rows of its balance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.effects.effect import Change
+from form_drake.identify.problem import Problem
+from form_drake.laws import Law, Values, law_named
+from form_drake.motion import Motion
+from form_drake.weak.balance import Along, balance
+from form_drake.weak.probe import Probe
+from form_drake.weak.stress import unit_stresses
+
+STEP = 1e-4  # of a displacement, in differences
+
+
+@dataclass(frozen=True)
+class ProbeReading:
+    """One probe at identified values; see ``form_drake.effects.Reading``.
+
+    Attributes:
+        probe: of a recording.
+        law: that was identified.
+        values: of its parameters.
+    """
+
+    probe: Probe
+    law: Law
+    values: Values
+
+    @classmethod
+    def of(cls, problem: Problem, values: Mapping[str, float]) -> "tuple[ProbeReading, ...]":
+        """One for each probe of a problem."""
+        return tuple(cls(probe, problem.unknowns.law, dict(values)) for probe in problem.probes)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """With the stretches that the law chooses along traction-free directions."""
+        theta = self.law.theta(self.values)
+        return self.probe.released_motion(self.law, self.values, self.probe.motion, theta)
+
+    @property
+    def X(self) -> np.ndarray:
+        return self.motion.X
+
+    @property
+    def v(self) -> np.ndarray:
+        return self.motion.v
+
+    @property
+    def gravity(self) -> np.ndarray:
+        return self.probe.gravity
+
+    def stress(self, tau: np.ndarray) -> np.ndarray:
+        work = self._along.stress(tau[None], self.probe.windows.chi)
+        return self._kept(work[0])
+
+    def added(self, name: str, values: Values) -> np.ndarray:
+        law = law_named(f"{self.law.name}+{name}")
+        (key,) = [t.key for t in law.terms if t.key not in self.law.keys]
+        whole = {**self.values, **values, key: 1.0}
+        return self.stress(self._stresses(law, whole, self.motion.F)[-1])
+
+    def now(self) -> np.ndarray:
+        return self.stretched(1.0)
+
+    def stretched(self, factor: float) -> np.ndarray:
+        T = self._stresses(self.law, self.values, factor * self.motion.F)
+        found: np.ndarray = np.tensordot(self.law.theta(self.values), T, axes=1)
+        return found
+
+    def load(self, per_mass: np.ndarray) -> np.ndarray:
+        still = replace(self.motion, body_force=per_mass, v=0.0 * self.v, pressure=None)
+        return -self._masses(still, np.zeros(3))
+
+    @property
+    def m(self) -> np.ndarray:
+        return self.motion.mass
+
+    def mass(self, m: np.ndarray) -> np.ndarray:
+        return -self._masses(replace(self.motion, mass=m, pressure=None), self.gravity)
+
+    def force(self, change: Change) -> np.ndarray:
+        probe = self.probe
+        other = {k: replace(f, value=change(f.time, f.value)) for k, f in probe.forces.items()}
+        none = {k: replace(f, value=0.0 * f.value) for k, f in probe.forces.items()}
+        along = probe.along(self.motion)
+        with_it, without = (replace(probe, forces=f).rest(along, {}) for f in (other, none))
+        return without - with_it
+
+    def moved(self, displacement: Change) -> np.ndarray:
+        probe = self.probe
+        size = STEP * float(np.ptp(self.X, axis=0).max())
+
+        def rows(sign: float) -> np.ndarray:
+            motion = _displaced(probe.motion, displacement, sign * size)
+            theta = self.law.theta(self.values)
+            along = probe.along(probe.released_motion(self.law, self.values, motion, theta))
+            every = np.ones(len(theta), dtype=bool)
+            return probe.columns(along, self.law, self.values, every) @ theta - probe.rest(
+                along, {}
+            )
+
+        return (rows(1.0) - rows(-1.0)) / (2.0 * size)
+
+    @cached_property
+    def _along(self) -> Along:
+        return self.probe.along(self.motion)
+
+    def _kept(self, rows: np.ndarray) -> np.ndarray:
+        found: np.ndarray = rows.reshape(-1)[self.probe.keep]
+        return found
+
+    def _stresses(self, law: Law, values: Values, F: np.ndarray) -> np.ndarray:
+        return unit_stresses(law, F, self.motion.L, values, self.motion.pressure)
+
+    def _masses(self, motion: Motion, gravity: np.ndarray) -> np.ndarray:
+        """Weight and inertia, b of the balance without forces on tools [N m s]."""
+        chi, rate, found = self.probe.windows.chi, self.probe.windows.rate, []
+        for family in self.probe.fields:
+            r = balance(family, motion, gravity).rest
+            found.append(chi @ (r.load + r.carried) + rate @ r.momentum)
+        return self._kept(np.concatenate(found, axis=1))
+
+
+def _displaced(motion: Motion, displacement: Change, size: float) -> Motion:
+    """The motion of points that are seen elsewhere by ``size`` times ``displacement``.
+
+    ``displacement`` is affine in x.
+    """
+    x, X = motion.x, motion.X
+    origin = displacement(X, np.zeros_like(x[:1, :1]))
+    turn = np.stack(
+        [displacement(X, np.eye(3)[d] + np.zeros_like(x[:1, :1])) - origin for d in range(3)],
+        axis=-1,
+    )[0, 0]
+    more = np.eye(3) + size * turn
+    inverse = np.linalg.inv(more)
+    return replace(
+        motion,
+        x=x + size * displacement(X, x),
+        v=motion.v @ more.T,
+        F=more @ motion.F,
+        L=more @ motion.L @ inverse,
+    )

@@ -1,0 +1,58 @@
+"""The catalogue of what a simulation may leave out, each effect declared once.
+
+An effect is a column of the weak balance and a switch of the simulation, or of the sensors; one
+test holds for all of them: simulated with the effect, its coefficient is found.
+"""
+
+from form_drake.effects.effect import Effect, Reading, Shape
+from form_drake.effects.inertia import ADDED_MASS, DENSITY, DRAG, GRAVITY_TILT
+from form_drake.effects.material import (
+    ANISOTROPY,
+    DAMPING,
+    EIGENSTRAIN,
+    INCLUSION,
+    RATE_DEPENDENCE,
+    STIFFENING,
+)
+from form_drake.effects.sensor import (
+    CAMERA_POSE,
+    CAMERA_SCALE,
+    FORCE_BIAS,
+    FORCE_DELAY,
+    FORCE_DRIFT,
+    FORCE_GAIN,
+)
+from form_drake.effects.world import AddedMass, Ball, Inclusion, World
+
+__all__ = [
+    "CATALOGUE",
+    "AddedMass",
+    "Ball",
+    "Effect",
+    "Inclusion",
+    "Reading",
+    "Shape",
+    "World",
+]
+
+CATALOGUE: dict[str, Effect] = {
+    effect.id: effect
+    for effect in (
+        DAMPING,
+        RATE_DEPENDENCE,
+        STIFFENING,
+        ANISOTROPY,
+        INCLUSION,
+        EIGENSTRAIN,
+        GRAVITY_TILT,
+        DENSITY,
+        ADDED_MASS,
+        DRAG,
+        FORCE_GAIN,
+        FORCE_BIAS,
+        FORCE_DRIFT,
+        FORCE_DELAY,
+        CAMERA_SCALE,
+        CAMERA_POSE,
+    )
+}

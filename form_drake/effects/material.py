@@ -1,0 +1,103 @@
+"""Effects of the material: stresses that the declared law leaves out."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from form_drake.effects.effect import Effect, Reading, Shape, ball
+from form_drake.effects.world import Inclusion, World
+
+SMALL = 1e-5  # of a stretch, in differences
+
+
+def _added(name: str, key: str, **more: object) -> Effect:
+    """An addition to the law; shape parameters are its given constants."""
+
+    def column(reading: Reading, shape: Shape) -> np.ndarray:
+        return reading.added(name, shape)
+
+    def world(scene: World, size: float, shape: Shape) -> World:
+        return scene.added(name, **{key: size}, **shape)
+
+    return Effect(id=name, column=column, world=world, **more)  # type: ignore[arg-type]
+
+
+DAMPING = _added(
+    "damping",
+    "eta",
+    sentence="the material resists the rate at which it is deformed (Kelvin-Voigt damping)",
+    unit="Pa s",
+    prior=(1.0, 1e3),
+    shown=("fast press", "shake"),
+    signed=False,
+)
+
+RATE_DEPENDENCE = _added(
+    "rate-dependence",
+    "eta_n",
+    sentence="the material resists deformation more the faster it goes, by a power of the rate",
+    unit="Pa s",
+    prior=(1.0, 1e4),
+    shown=("presses at speeds ten times apart",),
+    shapes={"n": (0.3, 0.5, 0.7)},
+    signed=False,
+)
+
+STIFFENING = _added(
+    "stiffening",
+    "C2",
+    sentence="the material is stiffer where it is strained further",
+    unit="Pa",
+    prior=(10.0, 1e6),
+    shown=("presses of two depths",),
+)
+
+ANISOTROPY = _added(
+    "anisotropy",
+    "k_f",
+    sentence="the material is stiffer along one direction",
+    unit="Pa",
+    prior=(10.0, 1e6),
+    shown=("a press with the specimen turned", "shake"),
+    shapes={
+        "azimuth": tuple(np.radians(np.arange(0.0, 180.0, 22.5)).tolist()),
+        "elevation": tuple(np.radians((-60.0, -30.0, 0.0, 30.0, 60.0, 90.0)).tolist()),
+    },
+    signed=False,
+)
+
+
+def _swelling_column(reading: Reading, shape: Shape) -> np.ndarray:
+    up, down = (reading.stretched(1.0 + s * SMALL) for s in (-1.0, 1.0))
+    return reading.stress((up - down) / (2.0 * SMALL))
+
+
+EIGENSTRAIN = Effect(
+    id="eigenstrain",
+    sentence="the body has swollen: it would be larger if nothing held it",
+    unit="-",
+    prior=(1e-5, 0.1),
+    column=_swelling_column,
+    world=lambda scene, size, shape: replace(scene, swelling=scene.swelling + size),
+    shown=("press", "a look at the bonded edge"),
+)
+
+
+def _inclusion_column(reading: Reading, shape: Shape) -> np.ndarray:
+    return reading.stress(ball(shape).share(reading.X)[:, None, None] * reading.now())
+
+
+def _inclusion_world(scene: World, size: float, shape: Shape) -> World:
+    return replace(scene, inclusions=(*scene.inclusions, Inclusion(ball(shape), 1.0 + size)))
+
+
+INCLUSION = Effect(
+    id="inclusion",
+    sentence="a part of the body is stiffer or softer than the rest",
+    unit="-",
+    prior=(0.02, 20.0),
+    column=_inclusion_column,
+    world=_inclusion_world,
+    shown=("a press beside the middle",),
+    shapes={"x": (), "y": (), "z": (), "radius": ()},  # of the body, so given by who seeks it
+)

@@ -1,0 +1,252 @@
+"""A block between faces that move as recorded: what a recording states, simulated without a robot."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from form_drake.effects.world import World
+from form_drake.material import Material
+from form_drake.motion import Body as Shape
+from form_drake.motion import Face, Motion, body
+from form_drake.mpm.bodies import block
+from form_drake.mpm.exchange import Scene, Snapshot, region_around
+from form_drake.mpm.model import Body
+from form_drake.mpm.solids import Solid
+from form_drake.mpm.tools import Motions, Tool
+from form_drake.records import Recording, Stream
+
+PERIOD = 2e-3  # longest time [s] for which tools go straight on
+SETTLING = 0.15  # time [s] that the body is given to come to rest
+CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
+ROOM = 0.4  # of the body's size, left around it
+LEVELS = 8  # of stiffness across the edge of an inclusion
+FAINT = 1e-9  # of a particle's volume: points that only go along
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is simulated again.
+
+    Attributes:
+        recording: of a block whose box, faces, and poses of tools that touch it are stated.
+        dx: grid spacing [m].
+        apart: distance of particles at rest as a share of it.
+        precision: ``float32`` or ``float64``.
+        device: Warp device.
+    """
+
+    recording: Recording
+    dx: float
+    apart: float = 0.5
+    precision: str = "float32"
+    device: str = "cpu"
+
+    def world(self, material: Material) -> World:
+        """The plain scene of a material, as the recording states it."""
+        gravity = np.zeros(3) if self.recording.gravity is None else self.recording.gravity
+        return World(material.law, material.values, self._shape.density, np.asarray(gravity, float))
+
+    @property
+    def _shape(self) -> Shape:
+        return body(self.recording)
+
+    def rolled(self, world: World) -> Recording:
+        """The recording with points and forces of the simulation in place of the measured ones.
+
+        Raises:
+            ValueError: the recording does not state what is needed, or the simulation fails.
+        """
+        return self._set(world).recorded()
+
+    def moving(self, world: World) -> tuple[Recording, Motion]:
+        """The same, and the motion of all particles at the frames; F is the elastic part."""
+        play = self._set(world)
+        return play.recorded(), play.motion()
+
+    def _set(self, world: World) -> "_Play":
+        shape = self._shape
+        held = [f for f in shape.faces if f.condition in ("bonded", "frictionless")]
+        paths = [_Path.of(self.recording, shape, face) for face in held]
+        bodies = self._bodies(world, shape)
+        scene = Scene(
+            [m for m, _ in bodies],
+            [b for _, b in bodies],
+            [_tool(face, world.friction) for face in held],
+            region=self._region(shape, paths),
+            dx=self.dx,
+            gravity=world.gravity,
+            mass_scale=self.recording.mass_scale,
+            precision=self.precision,
+            device=self.device,
+        )
+        return _Play(self.recording, world, scene, paths)
+
+    def _region(self, shape: Shape, paths: "list[_Path]") -> np.ndarray:
+        size = shape.high - shape.low
+        travel = max((float(np.abs(p.travel).max()) for p in paths), default=0.0)
+        room = ROOM * size + travel
+        return region_around(np.stack([shape.low, shape.high]), room, self.dx, {})
+
+    def _bodies(self, world: World, shape: Shape) -> list[tuple[Material, Body]]:
+        """Parts of the body by material, and last the tracked points."""
+        size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
+        whole = block(middle, size, self.apart * self.dx, world.density)
+        density = np.full(len(whole.x), world.density)
+        for one in world.masses:
+            density += one.mass * one.ball.spread(whole.x, whole.volume) / whole.volume
+        plain = Material(world.law, dict(world.values), world.density)
+        factor = np.ones(len(whole.x))
+        for part in world.inclusions:
+            share = np.round(part.ball.share(whole.x) * LEVELS) / LEVELS
+            factor += (part.factor - 1.0) * share
+        found = []
+        for f in np.unique(factor):
+            stiffer = {t.key: float(f) * world.values[t.key] for t in world.law.terms}
+            own = factor == f
+            found.append(
+                (plain.changed(stiffer), Body(whole.x[own], whole.volume[own], density[own]))
+            )
+        X = self.recording.reference
+        along = Body(X, np.full(len(X), FAINT * whole.volume[0]), world.density)
+        return [*found, (plain, along)]
+
+
+@dataclass(frozen=True)
+class _Play:
+    """One run of a stage."""
+
+    recording: Recording
+    world: World
+    scene: Scene
+    paths: "list[_Path]"
+
+    @cached_property
+    def _time(self) -> np.ndarray:
+        time: np.ndarray = self.recording.time - self.recording.time[0]
+        return time
+
+    @cached_property
+    def _run(self) -> tuple[list[Snapshot], np.ndarray, np.ndarray]:
+        """Snapshots at the frames; stamps [s] of mean forces on the faces [N]."""
+        scene, world = self.scene, self.world
+        snapshot = scene.start()
+        if world.swelling:
+            F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
+            snapshot = replace(snapshot, state=replace(snapshot.state, F=F))
+        still = _motions(self.paths, 0.0, 0.0)
+        for _ in range(int(np.ceil(SETTLING / PERIOD))):
+            snapshot = scene.advance(snapshot, still, PERIOD, CALM)
+        frames, stamps, forces = [snapshot], [0.0], [snapshot.force]
+        for start, end in pairwise(self._time):
+            parts = int(np.ceil((end - start) / PERIOD - 1e-9))
+            step = (end - start) / parts
+            for n in range(parts):
+                at = start + n * step
+                snapshot = scene.advance(snapshot, _motions(self.paths, at, step), step, world.drag)
+                stamps.append(at + 0.5 * step)
+                forces.append(snapshot.force)
+            frames.append(snapshot)
+        if not all(np.isfinite(f.p_WQ).all() for f in frames):
+            raise ValueError("the simulation of the recorded scene does not stay finite")
+        return frames, np.array([*stamps, end]), np.array([*forces, snapshot.force])
+
+    def recorded(self) -> Recording:
+        """What would have been recorded."""
+        (frames, stamps, forces), streams = self._run, {}
+        count = len(self.recording.reference)
+        for name, measured in self.recording.forces.items():
+            own = sum(forces[:, n] for n, path in enumerate(self.paths) if path.tool == name)
+            at = measured.time - self.recording.time[0]
+            value = np.stack([np.interp(at, stamps, f) for f in np.asarray(own).T], axis=1)
+            streams[name] = Stream(measured.time, value)
+        return replace(
+            self.recording,
+            p_WQ=np.array([f.p_WQ[-count:] for f in frames]),
+            p_reference=self.recording.reference,
+            valid=None,
+            forces=streams,
+            noise=None,
+        )
+
+    def motion(self) -> Motion:
+        """Of the particles, tracked points left out."""
+        frames, own = self._run[0], slice(0, -len(self.recording.reference))
+        body = self.scene.simulation.body
+        v, F, L = (np.array([getattr(f.state, k)[own] for f in frames]) for k in "vFL")
+        x = np.array([f.p_WQ[own] for f in frames])
+        return Motion(
+            self._time, self.scene.rest[own], x, v, F, L, body.volume[own], body.mass[own]
+        )
+
+
+@dataclass(frozen=True)
+class _Path:
+    """How the plane of a face moves with its tool.
+
+    Attributes:
+        tool: its name; "" where it stands still.
+        p: place of the middle of the plane in the tool's frame [m], shape [3].
+        R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
+        place: of the tool by time [s]; None: it stands still.
+        turn: of the tool by time.
+        travel: of the plane's middle from the start [m], shape [stamps, 3].
+    """
+
+    tool: str
+    p: np.ndarray
+    R: np.ndarray
+    place: object
+    turn: object
+    travel: np.ndarray
+
+    @classmethod
+    def of(cls, recording: Recording, shape: Shape, face: Face) -> "_Path":
+        ends = (shape.low, shape.high)
+        middle = 0.5 * (shape.low + shape.high)
+        middle[face.axis] = ends[face.side][face.axis]
+        inward = np.zeros(3)
+        inward[face.axis] = -1.0 if face.side else 1.0
+        across = np.eye(3)[(face.axis + 1) % 3]
+        R = np.stack([across, np.cross(inward, across), inward], axis=1)
+        pose = recording.poses.get(face.tool)
+        if pose is None:
+            return cls(face.tool, middle, R, None, None, np.zeros((1, 3)))
+        X = np.asarray(pose.value, float)
+        time = np.asarray(pose.time, float) - recording.time[0]
+        first = X[0]
+        p = first[:3, :3].T @ (middle - first[:3, 3])
+        if face.condition != "bonded":  # its plane holds the tool's origin
+            p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
+        turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
+        place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
+        return cls(face.tool, p, first[:3, :3].T @ R, place, turn, X[:, :3, 3] - first[:3, 3])
+
+    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Place [m] and orientation of the plane."""
+        if self.place is None:
+            return self.p, self.R
+        R = self.turn(time).as_matrix()  # type: ignore[operator]
+        return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
+
+
+def _motions(paths: list[_Path], time: float, step: float) -> Motions:
+    """Places at a time [s], and velocities that lead to where the planes are a step [s] later."""
+    now = [p.at(time) for p in paths]
+    later = [p.at(time + step) for p in paths]
+    over = step or 1.0
+    v = np.array([(b[0] - a[0]) / over for a, b in zip(now, later, strict=True)])
+    w = [
+        Rotation.from_matrix(b[1] @ a[1].T).as_rotvec() / over
+        for a, b in zip(now, later, strict=True)
+    ]
+    return Motions(np.array([a[0] for a in now]), np.array([a[1] for a in now]), v, np.array(w))
+
+
+def _tool(face: Face, friction: Mapping[str, float]) -> Tool:
+    contact = "bonded" if face.condition == "bonded" else friction.get(face.tool, 0.0)
+    return Tool(face.tool or "face", Solid.half_space(), contact)  # type: ignore[arg-type]
