@@ -32,6 +32,7 @@ WORST = 100.0  # condition of a basis in time
 # cannot follow.
 SLACK, ROOM = 1.1, 0.6
 KEEPS = 1.01  # the same of a symmetry, which has fewer functions and so must follow as well
+LIKE = 0.9  # of the functions of a basis that one has to have to take its place
 KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
 LARGEST = 0.6  # functions for each track and component
 FINEST = 2.5  # splines for each track, of which symmetry makes functions
@@ -236,8 +237,12 @@ class _Bases:
         return best, lowest
 
     def traded(self, rungs: tuple[int, ...], symmetry: Symmetry, floor: float) -> tuple[int, ...]:
-        """Steps along one axis given for steps along another, while the error becomes less."""
-        best = rungs
+        """Steps along one axis given for steps along another, while the error becomes less.
+
+        Where noise rules it becomes less with fewer functions too, which ``ROOM`` is there to avoid:
+        about as many are kept.
+        """
+        best, least = rungs, LIKE * self.space(rungs, symmetry).size
         groups: list[tuple[int, ...]] = [(a,) for a in range(3) if a not in symmetry.exchange]
         groups += [symmetry.exchange] * bool(symmetry.exchange)
         while self.error(best, symmetry) > floor:
@@ -246,8 +251,10 @@ class _Bases:
                 own = np.array(best)
                 own[list(less)] -= down
                 own[list(more)] += up
-                if 0 <= own.min() and own.max() < len(LADDER):
-                    key = tuple(own.tolist())
+                key = tuple(own.tolist())
+                if not 0 <= min(key) <= max(key) < len(LADDER):
+                    continue
+                if self.space(key, symmetry).size >= least:
                     tried[key] = self.error(key, symmetry)
             found = min(tried, key=lambda r: tried[r])
             if found == best:
