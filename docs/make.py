@@ -92,6 +92,11 @@ API = {
         "form_drake.effects.AddedMass",
         "form_drake.mpm.stage.Stage",
         "form_drake.diagnose.ProbeReading",
+        "form_drake.diagnose.score.scores",
+        "form_drake.diagnose.score.corrected",
+        "form_drake.diagnose.score.leftover",
+        "form_drake.diagnose.score.coherence",
+        "form_drake.diagnose.score.Score",
     ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",

@@ -23,6 +23,19 @@ def twin_offset(
 ) -> Offset:
     """What reading the scenes does to the rows of a problem, from a twin with given parameters.
 
+    Raises:
+        ValueError: as of ``twin_problem``.
+    """
+    read = twin_problem(problem, recordings, twin, values)
+    eta, theta = problem.coordinates(values)
+    return Offset.of(read.system(eta, theta), theta)
+
+
+def twin_problem(
+    problem: Problem, recordings: Sequence[Recording], twin: Twin, values: Mapping[str, float]
+) -> Problem:
+    """The scenes of a twin with given parameters, read as those of a problem.
+
     Bases, test fields, windows and quadrature are those of the data.
 
     Raises:
@@ -40,7 +53,9 @@ def twin_offset(
         )
     probes = []
     for probe, own, data in zip(problem.probes, made, recordings, strict=True):
-        seen = replace(own, valid=np.isfinite(data.p_WQ).all(axis=2))
+        # smoothed as the data are, whose noise decides by how much
+        valid = np.isfinite(data.p_WQ).all(axis=2)
+        seen = replace(own, valid=valid, noise=probe.fit.noise)
         if data.valid is not None:
             seen = replace(seen, valid=seen.valid & data.valid)
         fit = fit_tracks(seen, probe.body, like=probe.fit)
@@ -48,8 +63,7 @@ def twin_offset(
             seen, probe.name, probe.fields, probe.windows.ends, probe.body, fit, probe.released
         )
         probes.append(replace(read, keep=probe.keep))
-    eta, theta = problem.coordinates(values)
-    return Offset.of(replace(problem, probes=tuple(probes), offset=None).system(eta, theta), theta)
+    return replace(problem, probes=tuple(probes), offset=None)
 
 
 def stated_scenes(recordings: Sequence[Recording], law: Law) -> Twin:
