@@ -239,8 +239,8 @@ class _Bases:
     def traded(self, rungs: tuple[int, ...], symmetry: Symmetry, floor: float) -> tuple[int, ...]:
         """Steps along one axis given for steps along another, while the error becomes less.
 
-        Where noise rules it becomes less with fewer functions too, which ``ROOM`` is there to avoid:
-        about as many are kept.
+        It must become less by more than the noise that ``ROOM`` leaves aside, with about as many
+        functions: less noise in fewer functions is no better a fit.
         """
         best, least = rungs, LIKE * self.space(rungs, symmetry).size
         groups: list[tuple[int, ...]] = [(a,) for a in range(3) if a not in symmetry.exchange]
@@ -257,7 +257,8 @@ class _Bases:
                 if self.space(key, symmetry).size >= least:
                     tried[key] = self.error(key, symmetry)
             found = min(tried, key=lambda r: tried[r])
-            if found == best:
+            gain = tried[best] ** 2 - tried[found] ** 2
+            if found == best or gain < (ROOM * self._noise) ** 2:
                 break
             best = found
         return best
