@@ -153,6 +153,7 @@ def test_list_laws(capsys):
     assert code == 0 and [line.split()[0] for line in out.splitlines()] == [*LAWS, *ADDITIONS]
     laws = json.loads(run(capsys, "list", "laws", "--json")[1])["laws"]
     assert set(laws) == {*LAWS, *ADDITIONS}
+    assert {name for name, law in laws.items() if law["adds_to"]} == set(ADDITIONS)
     gent = laws["gent"]
     assert gent["parameters"]["J_m"] == {"unit": "-", "role": "shape"}
     assert gent["parameters"]["mu"] == {"unit": "Pa", "role": "linear"}

@@ -6,7 +6,6 @@ from fnmatch import fnmatch
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from form_drake import LAWS, read_material, write_recording
@@ -76,7 +75,6 @@ def test_examples_of_the_pages(page, tmp_path, monkeypatch):
     found = {}
     for block in python_blocks(ROOT / "docs" / page):
         exec(block, found)
-    assert page != "effects.md" or np.linalg.norm(found["swelling"]) > 0.0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -176,8 +176,23 @@ def found(effect: Effect, shape, made: Recording, motion: Motion, left: np.ndarr
     return np.linalg.lstsq(columns, b - left, rcond=None)[0][-1] * TRIED[effect.id][0]
 
 
+@pytest.fixture(scope="module")
+def stiffer(plain):
+    """The block without any effect, of other moduli, and what the rows of a twin leave of it.
+
+    The twin has the moduli that the first one's error lets the data show, not the true ones.
+    """
+    data = STAGE.moving(STAGE.world(replace(SOFT, values={"mu": 20.4e3, "lam": 39e3})))
+    A, b = rows(read(*data))
+    theta = np.linalg.lstsq(A, b - plain[2], rcond=None)[0]
+    assert 0.0 < np.abs(theta / [20.4e3, 39e3] - 1.0).max() < 0.02
+    near = replace(SOFT, values={"mu": theta[0], "lam": theta[1]})
+    A, b = rows(read(*STAGE.moving(STAGE.world(near))))
+    return *data, b - A @ theta
+
+
 @pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda effect: effect.id)
-def test_the_column_is_the_derivative_of_the_switch(effect, plain):
+def test_the_column_is_the_derivative_of_the_switch(effect, plain, stiffer):
     made, motion, left = plain
     size, shape = TRIED[effect.id]
     if effect.world is None:
@@ -188,7 +203,7 @@ def test_the_column_is_the_derivative_of_the_switch(effect, plain):
         # an observer sees all of the deformation, not only what is elastic
         other = other, replace(particles, F=particles.F * (1.0 + world.swelling))
     assert found(effect, shape, *other, left) == pytest.approx(size, rel=0.05)
-    assert abs(found(effect, shape, made, motion, left)) < 1e-6 * size
+    assert abs(found(effect, shape, *stiffer)) < 0.05 * size
 
 
 def test_every_effect_is_declared_in_full():
@@ -198,6 +213,53 @@ def test_every_effect_is_declared_in_full():
         assert effect.prior[0] <= size <= effect.prior[1]
         assert set(shape) == set(effect.shapes) and effect.shown
         assert all(set(one) == set(effect.shapes) for one in effect.grid())
+
+
+def test_masses_are_scaled_as_the_body_is(plain):
+    """A quasi-static scene has ten times the mass and a tenth of the gravity: the same weight."""
+    reading = read(*plain[:2])
+    motion = replace(reading.motion, mass=10.0 * reading.motion.mass, v=0.0 * reading.v)
+    held = SimpleNamespace(motion=lambda c: motion)
+    probe = replace(reading.probe, sampling=held, rough=held, gravity=0.1 * reading.gravity)
+    still = replace(reading.motion, v=0.0 * reading.v)
+    alone = SimpleNamespace(motion=lambda c: still)
+    plainly = replace(reading.probe, sampling=alone, rough=alone)
+    one, other = (ProbeReading(p, SOFT.law, SOFT.values) for p in (probe, plainly))
+    for name in ("density", "added-mass"):
+        shape = TRIED[name][1]
+        columns = [CATALOGUE[name].column(reading, shape) for reading in (one, other)]
+        np.testing.assert_allclose(*columns, atol=1e-12 * np.abs(columns[1]).max())
+
+
+def test_some_effects_fit_some_laws():
+    fits = {
+        name: {law for law in LAWS if CATALOGUE[name].fits(LAWS[law])}
+        for name in ("anisotropy", "damping", "stiffening", "drag")
+    }
+    assert "von-mises" in fits["damping"] and "von-mises" not in fits["anisotropy"]
+    assert "gent" in fits["stiffening"] and "yeoh" not in fits["stiffening"]
+    assert "newtonian" not in fits["damping"] and fits["drag"] == set(LAWS)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"contact": {"z-": "touched floor", "other": "free"}}, "face z- is touched: only faces"),
+        ({"contact": {"z-": "bonded floor"}}, "face x- is unknown: only faces"),
+        ({"poses": {}}, "plate presses z.: to simulate it, add its poses"),
+        ({"late": True}, "poses of plate are stamped .* they must cover the frames"),
+    ],
+)
+def test_scenes_that_cannot_be_simulated_are_refused(changes, message):
+    made = recording()
+    if changes.pop("late", False):
+        pose = made.poses["plate"]
+        changes = {"poses": {"plate": Stream(pose.time[20:], pose.value[20:])}}
+    if "contact" in changes:
+        changes |= {"forces": {}, "poses": {}}
+    stage = Stage(replace(made, **changes), DX)
+    with pytest.raises(ValueError, match=message):
+        stage.rolled(stage.world(SOFT))
 
 
 def test_an_effect_is_of_the_world_or_of_a_sensor():

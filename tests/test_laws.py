@@ -621,6 +621,10 @@ WRONG_FILES = {
     "plastic": ("law = made(flow='plastic')", "a plastic law needs radius"),
     "moduli": ("law = made(moduli=lambda v: (v['K'], 0.0))", "moduli fails .*: KeyError: 'K'"),
     "nan": ("law = made(moduli=lambda v: (float('nan'), 0.0))", "moduli gives nan and 0.0"),
+    "viscosity": (
+        "law = made(parameters=(KAPPA, LAWS['newtonian'].parameter('eta')))",
+        "a law with a viscosity must state it",
+    ),
     "binary": ("\0", "own.py"),
 }
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from form_drake import Recording, Stream, Unidentifiable, identify
+from form_drake.diagnose import ProbeReading
 from form_drake.identify import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import Motion, Sampling, body, fit_tracks
@@ -219,6 +220,19 @@ def test_a_yield_stress_alone_is_no_known_strain(exact):
     moduli = {k: truth[k] for k in ("mu", "lam")}
     answer = identify(made, known=moduli, weak=WeakOptions(draws=0))
     assert errors(answer, truth)["tau_y"] < 5e-3
+
+
+def test_effects_read_the_stress_that_yield_leaves(exact):
+    made, _ = recording(exact, "von-mises")
+    answer = identify(made, weak=WeakOptions(draws=0))
+    problem, values = answer.weak.problem, answer.material.values
+    eta, theta = problem.coordinates(values)
+    (reading,) = ProbeReading.of(problem, values)
+    A = problem.rows(eta, theta)[0]
+    stress = A @ theta
+    np.testing.assert_allclose(
+        reading.stress(reading.now()), stress, atol=1e-9 * np.abs(stress).max()
+    )
 
 
 def test_ordinary_least_squares_is_there(exact):

@@ -96,6 +96,7 @@ def _law(law: Law) -> dict[str, Any]:
         "parameters": parameters,
         "derived": {k: unit for k, (unit, _) in derived(law).items()},
         "stress": law.equation,
+        "adds_to": sorted(law.adds_to),
     }
 
 

@@ -12,7 +12,7 @@ from form_drake.laws import Law, Values, law_named
 from form_drake.motion import Motion
 from form_drake.weak.balance import Along, balance
 from form_drake.weak.probe import Probe
-from form_drake.weak.stress import unit_stresses
+from form_drake.weak.stress import elastic_part, unit_stresses
 
 STEP = 1e-4  # of a displacement, in differences
 
@@ -62,13 +62,13 @@ class ProbeReading:
         law = law_named(f"{self.law.name}+{name}")
         (key,) = [t.key for t in law.terms if t.key not in self.law.keys]
         whole = {**self.values, **values, key: 1.0}
-        return self.stress(self._stresses(law, whole, self.motion.F)[-1])
+        return self.stress(self._stresses(law, whole, self._elastic)[-1])
 
     def now(self) -> np.ndarray:
         return self.stretched(1.0)
 
     def stretched(self, factor: float) -> np.ndarray:
-        T = self._stresses(self.law, self.values, factor * self.motion.F)
+        T = self._stresses(self.law, self.values, factor * self._elastic)
         found: np.ndarray = np.tensordot(self.law.theta(self.values), T, axes=1)
         return found
 
@@ -78,10 +78,12 @@ class ProbeReading:
 
     @property
     def m(self) -> np.ndarray:
-        return self.motion.mass
+        found: np.ndarray = self.probe.body.density * self.motion.volume
+        return found
 
     def mass(self, m: np.ndarray) -> np.ndarray:
-        return -self._masses(replace(self.motion, mass=m, pressure=None), self.gravity)
+        scaled = m * self.motion.mass / self.m  # by the mass scale of a quasi-static scene
+        return -self._masses(replace(self.motion, mass=scaled, pressure=None), self.gravity)
 
     def force(self, change: Change) -> np.ndarray:
         probe = self.probe
@@ -105,6 +107,10 @@ class ProbeReading:
             )
 
         return (rows(1.0) - rows(-1.0)) / (2.0 * size)
+
+    @cached_property
+    def _elastic(self) -> np.ndarray:
+        return elastic_part(self.law, self.motion.F, self.law.radius_vector(self.values))
 
     @cached_property
     def _along(self) -> Along:

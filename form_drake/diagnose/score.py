@@ -75,12 +75,12 @@ def scores(
         twin: the same, simulated with ``values`` and read in the same way.
         by: inverse covariance of the rows.
         values: of all parameters, near those that the data have.
-        effects: a catalogue.
+        effects: a catalogue; those that do not fit the law are left out.
     """
     base, left = leftover(problem, twin, by, values)
     readings = ProbeReading.of(twin, values)
     found = []
-    for effect in effects:
+    for effect in (e for e in effects if e.fits(problem.unknowns.law)):
         tried = shapes(effect, problem.probes[0].body)
         columns = np.stack([_column(effect, shape, readings) for shape in tried], axis=1)
         found.append(_best(effect, tried, _off(base, by.white(columns)), left))
@@ -95,7 +95,7 @@ def leftover(
     Returns:
         shapes [rows, unknowns] and [rows].
     """
-    base = np.linalg.qr(by.white(_slopes(twin, values)))[0]
+    base = np.linalg.qr(by.white(twin.jacobian(*twin.coordinates(values))))[0]
     return base, _off(base, by.white(_apart(problem, twin, values)))
 
 
@@ -103,7 +103,7 @@ def corrected(
     problem: Problem, twin: Problem, by: Weights, values: Mapping[str, float]
 ) -> np.ndarray:
     """Change of the unknowns, linear ones first, that brings the twin nearest to the data."""
-    slopes, apart = _slopes(twin, values), _apart(problem, twin, values)
+    slopes, apart = twin.jacobian(*twin.coordinates(values)), _apart(problem, twin, values)
     return np.asarray(np.linalg.lstsq(by.white(slopes), by.white(apart), rcond=None)[0])
 
 
@@ -115,14 +115,13 @@ def _apart(problem: Problem, twin: Problem, values: Mapping[str, float]) -> np.n
     """
     eta, theta = twin.coordinates(values)
     data, own = (_rest(p.rows(eta, theta), theta) for p in (problem, twin))
-    still, shift, count = _rest(twin.coarser.rows(eta, theta), theta), np.zeros(len(own)), 0
-    rng = np.random.default_rng(0)
+    shift, count, rng = np.zeros(len(own)), 0, np.random.default_rng(0)
     for _ in range(PAIRS):
         drawn = [probe.drawn(rng) for probe in problem.probes]
-        both = [twin.coarser.disturbed(eta, drawn, share) for share in (1.0, -1.0)]
-        held = [_rest(one, theta) for one in both if one is not None]
-        if len(held) == len(both):
-            shift += np.mean(held, axis=0) - still
+        made = [twin.coarser.disturbed(eta, drawn, share) for share in (0.0, 1.0, -1.0)]
+        still, *both = (_rest(one, theta) for one in made if one is not None)
+        if len(both) == 2:
+            shift += np.mean(both, axis=0) - still
             count += 1
     return np.asarray(data - own - shift / max(count, 1))
 
@@ -130,12 +129,6 @@ def _apart(problem: Problem, twin: Problem, values: Mapping[str, float]) -> np.n
 def _rest(rows: Rows, theta: np.ndarray) -> np.ndarray:
     A, b = rows
     return np.asarray(b - A @ theta)
-
-
-def _slopes(twin: Problem, values: Mapping[str, float]) -> np.ndarray:
-    eta, theta = twin.coordinates(values)
-    A, b = twin.rows(eta, theta)
-    return np.hstack([twin.reduced(A, b)[0], twin.slopes(eta, theta)])
 
 
 def coherence(found: Sequence[Score]) -> np.ndarray:

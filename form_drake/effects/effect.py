@@ -70,7 +70,7 @@ class Reading(Protocol):
 
     @property
     def m(self) -> np.ndarray:
-        """Mass of the quadrature points as stated [kg], shape [points]."""
+        """Mass of the quadrature points as the density states it [kg], shape [points]."""
         ...
 
     def mass(self, m: np.ndarray) -> np.ndarray:
@@ -103,6 +103,7 @@ class Effect:
         shown: motions that show it.
         shapes: values of the shape parameters among which it is sought, by name.
         signed: whether the coefficient may be negative.
+        fits: whether it can be missing beside a law.
     """
 
     id: str
@@ -115,6 +116,7 @@ class Effect:
     shown: tuple[str, ...] = ()
     shapes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     signed: bool = True
+    fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
 
     def __post_init__(self) -> None:
         if (self.world is None) == (self.sensor is None):

@@ -6,6 +6,7 @@ import numpy as np
 
 from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import Inclusion, World
+from form_drake.laws import ADDITIONS, Law
 
 SMALL = 1e-5  # of a stretch, in differences
 
@@ -13,13 +14,19 @@ SMALL = 1e-5  # of a stretch, in differences
 def _added(name: str, key: str, **more: object) -> Effect:
     """An addition to the law; shape parameters are its given constants."""
 
+    addition = ADDITIONS[name]
+
     def column(reading: Reading, shape: Shape) -> np.ndarray:
         return reading.added(name, shape)
+
+    def fits(law: Law) -> bool:
+        has = {term.response for term in law.terms}
+        return law.flow in addition.adds_to and not has & {t.response for t in addition.terms}
 
     def world(scene: World, size: float, shape: Shape) -> World:
         return scene.added(name, **{key: size}, **shape)
 
-    return Effect(id=name, column=column, world=world, **more)  # type: ignore[arg-type]
+    return Effect(id=name, column=column, world=world, fits=fits, **more)  # type: ignore[arg-type]
 
 
 DAMPING = _added(

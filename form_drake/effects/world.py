@@ -1,7 +1,6 @@
 """What effects may change of a simulated scene: a plain description, from which it is made anew."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +71,6 @@ class World:
         swelling: stretch that the body has where it is free of stress, less one.
         inclusions: in the body.
         masses: that it carries.
-        friction: Coulomb's coefficient of tools, by name; others as the recording states them.
     """
 
     law: Law
@@ -83,7 +81,6 @@ class World:
     swelling: float = 0.0
     inclusions: tuple[Inclusion, ...] = ()
     masses: tuple[AddedMass, ...] = ()
-    friction: Mapping[str, float] = field(default_factory=dict)
 
     def added(self, name: str, **values: float) -> "World":
         """The world with an addition to the law, see ``form_drake.laws.ADDITIONS``."""

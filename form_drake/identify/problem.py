@@ -190,6 +190,11 @@ class Problem:
         level = 1e-9 * np.linalg.norm(system.scale) / np.maximum(size, 1e-300)
         return np.where([k in signed for k in keys], -np.inf, level)
 
+    def jacobian(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """d (A theta) / d (phi, eta), shape [rows, unknowns]."""
+        A, b = self.rows(eta, theta)
+        return np.hstack([self.reduced(A, b)[0], self.slopes(eta, theta)])
+
     def slopes(self, eta: np.ndarray, theta: np.ndarray, *, released: bool = True) -> np.ndarray:
         """d (A theta) / d eta, shape [rows, len(eta)].
 

@@ -256,7 +256,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         solution = problem.solved(problem.system(eta), equal)
     theta = problem.unknowns.theta(solution.theta)
     system = problem.system(eta, theta)
-    J = np.hstack([problem.reduced(system.A, system.b)[0], problem.slopes(eta, theta)])
+    J = problem.jacobian(eta, theta)
     target = system.b - system.A @ theta + J[:, : len(solution.theta)] @ solution.theta
     free = solved(J, target, by)
     if options.estimator == "ols":

@@ -16,7 +16,8 @@ import warp as wp
 Values = Mapping[str, float]
 
 
-def _none(_: Values) -> float:
+def nothing(_: Values) -> float:
+    """Nothing at all."""
     return 0.0
 
 
@@ -100,8 +101,8 @@ class Law:
     parameters: tuple[Term | Constant, ...]
     moduli: Callable[[Values], tuple[float, float]] = field(repr=False)
     equation: str
-    viscosity: Callable[[Values], float] = field(default=_none, repr=False)
-    stretched: Callable[[Values], float] = field(default=_none, repr=False)
+    viscosity: Callable[[Values], float] = field(default=nothing, repr=False)
+    stretched: Callable[[Values], float] = field(default=nothing, repr=False)
     adds_to: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
     flow: Literal["elastic", "plastic", "fluid", "granular"] = "elastic"

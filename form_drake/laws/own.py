@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws.additions import ADDITIONS
-from form_drake.laws.law import Law
+from form_drake.laws.law import Law, nothing
 from form_drake.laws.named import LAWS, OWN
 
 _files: dict[str, Path] = {}
@@ -101,6 +101,8 @@ def _fault(law: Law) -> str | None:
     whole = law.radius and law.radius_constants and len(law.constants("yield")) == 1
     if law.flow == "plastic" and not whole:
         return "a plastic law needs radius, radius_constants and one yield constant"
+    if any(t.unit == "Pa s" for t in law.terms) and law.viscosity is nothing:
+        return "a law with a viscosity must state it, as in viscosity=lambda v: v['eta']"
     if law.pressure and "kappa" not in law.keys:
         return "a law that reads pressure needs a term kappa"
     try:

@@ -33,10 +33,10 @@ def centred(symmetry: Symmetry, body: Body, X: np.ndarray, u: np.ndarray) -> np.
         if axes:
             D = block.matrix(values)
             flat = D.reshape(-1, block.size)
-            even = np.tile(np.eye(3)[np.ix_(block.axes, axes)], (len(X), 1))
-            odd = even - flat @ np.linalg.solve(space.normal(D, block), flat.T @ even)
-            told = odd.T @ even
+            shift = np.tile(np.eye(3)[np.ix_(block.axes, axes)], (len(X), 1))
+            own = shift - flat @ np.linalg.solve(space.normal(D, block), flat.T @ shift)
+            told = own.T @ shift
             if np.linalg.eigvalsh(told)[0] > APART * len(X):
-                series = u[:, :, block.axes].reshape(len(u), -1) @ odd
+                series = u[:, :, block.axes].reshape(len(u), -1) @ own
                 found[:, :, axes] -= np.linalg.solve(told, series.T).T[:, None]
     return found

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
-from form_drake.motion.knots import chosen_space, chosen_time, filled, modes, press
+from form_drake.motion.knots import chosen_space, chosen_time, edge, filled, modes, press
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
 from form_drake.motion.tracks import jitter, noise_of, tracks
@@ -208,7 +208,7 @@ def _unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
     rows, columns = len(y), freedom * y.shape[1]
     above = S**2 - noise**2 * (rows + columns)
     square = 0.5 * (above + np.sqrt(np.maximum(above**2 - 4.0 * noise**4 * rows * columns, 0.0)))
-    sure = S > CLEAR * noise * (np.sqrt(rows) + np.sqrt(columns))
+    sure = S > CLEAR * noise * edge(rows, columns)
     kept = sure & (S > FAINT * S[0])
     return U[:, kept] * np.sqrt(square[kept] / columns)
 

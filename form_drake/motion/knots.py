@@ -92,11 +92,12 @@ def modes(y: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
         noise: standard deviation of an entry.
     """
     U, S, Vt = np.linalg.svd(y, full_matrices=False)
-    count = max(1, int(np.sum(S > noise * _edge(*y.shape))))
+    count = max(1, int(np.sum(S > noise * edge(*y.shape))))
     return U[:, :count], S[:count], Vt[:count]
 
 
-def _edge(rows: int, columns: int) -> float:
+def edge(rows: float, columns: float) -> float:
+    """The largest singular value of a matrix of unit white noise (Marchenko, Pastur)."""
     return float(np.sqrt(rows) + np.sqrt(columns))
 
 
@@ -112,7 +113,7 @@ def white_noise(u: np.ndarray) -> float:
     rows, columns = u.reshape(len(u), -1).shape
     S = np.linalg.svd(u.reshape(rows, columns), compute_uv=False)
     found = float(np.median(S)) / _middle(rows, columns)
-    rest = S[S <= found * _edge(rows, columns)]
+    rest = S[S <= found * edge(rows, columns)]
     filled = len(S) - len(rest)
     return float(np.median(rest)) / _middle(rows - filled, columns - filled)
 

@@ -1,6 +1,5 @@
 """A block between faces that move as recorded: what a recording states, simulated without a robot."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -70,13 +69,13 @@ class Stage:
 
     def _set(self, world: World) -> "_Play":
         shape = self._shape
-        held = [f for f in shape.faces if f.condition in ("bonded", "frictionless")]
+        held = self._held(shape)
         paths = [_Path.of(self.recording, shape, face) for face in held]
         bodies = self._bodies(world, shape)
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
-            [_tool(face, world.friction) for face in held],
+            [_tool(face) for face in held],
             region=self._region(shape, paths),
             dx=self.dx,
             gravity=world.gravity,
@@ -85,6 +84,30 @@ class Stage:
             device=self.device,
         )
         return _Play(self.recording, world, scene, paths)
+
+    def _held(self, shape: Shape) -> list[Face]:
+        """Faces that a tool or support holds.
+
+        Raises:
+            ValueError: one of which nobody knows how it is held, or a measured tool without poses.
+        """
+        poses, last = self.recording.poses, self.recording.time[[0, -1]]
+        for face in shape.faces:
+            name = f"{'xyz'[face.axis]}{'-+'[face.side]}"
+            if face.condition not in ("free", "bonded", "frictionless"):
+                raise ValueError(
+                    f"face {name} is {face.condition}: only faces that are free, or bonded or"
+                    " frictionless as a whole, can be simulated"
+                )
+            if face.tool in self.recording.forces and face.tool not in poses:
+                raise ValueError(f"{face.tool} presses {name}: to simulate it, add its poses")
+            if face.tool in poses and not _within(last, poses[face.tool].time):
+                stamps = poses[face.tool].time[[0, -1]]
+                raise ValueError(
+                    f"poses of {face.tool} are stamped {stamps} s, the frames {last} s: they must"
+                    " cover the frames"
+                )
+        return [f for f in shape.faces if f.condition != "free"]
 
     def _region(self, shape: Shape, paths: "list[_Path]") -> np.ndarray:
         size = shape.high - shape.low
@@ -247,6 +270,15 @@ def _motions(paths: list[_Path], time: float, step: float) -> Motions:
     return Motions(np.array([a[0] for a in now]), np.array([a[1] for a in now]), v, np.array(w))
 
 
-def _tool(face: Face, friction: Mapping[str, float]) -> Tool:
-    contact = "bonded" if face.condition == "bonded" else friction.get(face.tool, 0.0)
-    return Tool(face.tool or "face", Solid.half_space(), contact)  # type: ignore[arg-type]
+def _within(ends: np.ndarray, stamps: np.ndarray) -> bool:
+    """Whether stamps cover a time [s], but for what clocks round."""
+    near = 1e-6 * (ends[1] - ends[0])
+    return bool(stamps[0] <= ends[0] + near and stamps[-1] >= ends[1] - near)
+
+
+def _tool(face: Face) -> Tool:
+    return Tool(
+        face.tool or "face",
+        Solid.half_space(),
+        "bonded" if face.condition == "bonded" else 0.0,
+    )
