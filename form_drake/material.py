@@ -16,6 +16,7 @@ from form_drake.laws.plastic import friction_angle
 from form_drake.laws.values import ENGINEERING, STEEPEST, checked_values, finite, has_lame
 
 VERSION = 1
+ENTRIES = {"form_drake_material", "law", "density", "parameters", "covariance", "effects"}
 UNITS = {"E": "Pa", "nu": "-"}
 
 
@@ -30,6 +31,23 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Acting:
+    """An effect that acts on the specimen or its sensors, see ``form_drake.effects``.
+
+    Attributes:
+        id: of the effect.
+        coefficient: in the effect's unit.
+        shape: values of its shape parameters.
+        std: of the coefficient, where it is known.
+    """
+
+    id: str
+    coefficient: float
+    shape: Mapping[str, float] = field(default_factory=dict)
+    std: float | None = None
+
+
+@dataclass(frozen=True)
 class Material:
     """A law with a value for every parameter.
 
@@ -39,6 +57,7 @@ class Material:
         density: mass per reference volume [kg/m^3], where known.
         keys: identified parameters, in the order of ``covariance``.
         covariance: of the identified parameters, shape [keys, keys].
+        effects: that act beside the law.
     """
 
     law: Law
@@ -46,6 +65,7 @@ class Material:
     density: float | None = None
     keys: tuple[str, ...] = ()
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    effects: tuple[Acting, ...] = ()
 
     def __post_init__(self) -> None:
         missing = [k for k in self.law.keys if k not in self.values]
@@ -112,7 +132,19 @@ class Material:
                 "keys": list(self.keys),
                 "values": [[float(c) for c in row] for row in self.covariance],
             }
+        if self.effects:
+            content["effects"] = [_told(one) for one in self.effects]
         write_text(Path(path), yaml.safe_dump(content, sort_keys=False))
+
+
+def _told(one: Acting) -> dict[str, Any]:
+    """An effect's entry in a file."""
+    entry: dict[str, Any] = {"id": one.id, "coefficient": float(one.coefficient)}
+    if one.std is not None:
+        entry["std"] = float(one.std)
+    if one.shape:
+        entry["shape"] = {k: float(v) for k, v in one.shape.items()}
+    return entry
 
 
 def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
@@ -164,7 +196,7 @@ def _parse(content: dict[str, Any]) -> Material:
         raise ValueError(
             f"form_drake_material is {str(version)[:60]!r}; this release reads version {VERSION}"
         )
-    unknown = set(content) - {"form_drake_material", "law", "density", "parameters", "covariance"}
+    unknown = set(content) - ENTRIES
     if unknown:
         raise ValueError(f"unknown entries {', '.join(sorted(map(str, unknown)))}")
     law = law_named(str(content.get("law")))
@@ -182,7 +214,8 @@ def _parse(content: dict[str, Any]) -> Material:
         if density <= 0:
             raise ValueError(f"density: must be positive, got {density}")
     keys, covariance = _covariance(law, content.get("covariance"))
-    material = Material(law, checked_values(law, values), density, keys, covariance)
+    effects = _effects(content.get("effects", []))
+    material = Material(law, checked_values(law, values), density, keys, covariance, effects)
     for key, value in follows.items():
         _check_derived(material, key, value)
     return material
@@ -219,6 +252,28 @@ def _number(key: str, unit: str | None, entry: Any) -> float:
     if unit is not None and entry.get("unit", unit) != unit:
         raise ValueError(f"{key}: the unit is {unit}, got {str(entry['unit'])[:60]!r}")
     return finite(key, entry.get("value"))
+
+
+def _effects(entries: Any) -> tuple[Acting, ...]:
+    if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+        raise ValueError("effects: a list of entries with id and coefficient is wanted")
+    found = []
+    for entry in entries:
+        name = str(entry.get("id"))[:60]
+        unknown = set(entry) - {"id", "coefficient", "std", "shape"}
+        shape = entry.get("shape", {})
+        if unknown or not isinstance(shape, dict):
+            raise ValueError(f"effect {name}: id, coefficient, std and a mapping shape are allowed")
+        std = entry.get("std")
+        found.append(
+            Acting(
+                name,
+                finite(f"effect {name}: coefficient", entry.get("coefficient")),
+                {str(k): finite(f"effect {name}: {k}", v) for k, v in shape.items()},
+                None if std is None else finite(f"effect {name}: std", std),
+            )
+        )
+    return tuple(found)
 
 
 def _covariance(law: Law, entry: Any) -> tuple[tuple[str, ...], np.ndarray]:

@@ -24,7 +24,7 @@ from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.windows import even, windows
 
-SIZE, DX, SECONDS = np.full(3, 0.02), 0.004, 0.3
+SIZE, DX, SECONDS = np.array([0.02, 0.02, 0.03]), 0.004, 0.3
 LOW = np.array([-0.01, -0.01, 0.0])
 SOFT = Material(LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}, 1000.0)
 THETA = np.array([20e3, 40e3])
@@ -33,11 +33,11 @@ TRIED = {  # size of the coefficient, and the shape
     "rate-dependence": (3.0, {"n": 0.7}),
     "stiffening": (3e3, {}),
     "anisotropy": (1e3, {"azimuth": 0.5, "elevation": 0.7}),
-    "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.01, "radius": 0.007}),
+    "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.015, "radius": 0.007}),
     "eigenstrain": (1e-3, {}),
     "gravity-tilt": (0.05, {"azimuth": 0.4}),
     "density": (0.1, {}),
-    "added-mass": (2e-4, {"x": 0.001, "y": 0.002, "z": 0.01, "radius": 0.006}),
+    "added-mass": (2e-4, {"x": 0.001, "y": 0.002, "z": 0.015, "radius": 0.006}),
     "drag": (20.0, {}),
     "force-gain": (0.02, {}),
     "force-bias": (0.02, {"axis": 2}),
@@ -56,7 +56,7 @@ class SmoothFields:
         *((h, p, d) for h in ("bump", "odd") for p in range(4) for d in range(3)),
         *(("ramp", 0, d) for d in range(3)),
     )
-    edge: float = 0.5 * DX
+    edge: float = 1.0 * DX
     material = fixed = True
     breaks = ()
     tools = ("plate",)
@@ -113,14 +113,14 @@ def recording():
         p_reference=X,
         density=1000.0,
         gravity=np.array([0.0, 0.0, -9.81]),
-        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.03"},
         contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
         poses={"plate": Stream(t, pose)},
         forces={"plate": Stream(t, np.zeros((len(t), 3)))},
     )
 
 
-STAGE = Stage(recording(), DX, apart=0.625, precision="float64")
+STAGE = Stage(recording(), DX, apart=0.7, precision="float64")
 
 
 def read(made: Recording, motion: Motion) -> ProbeReading:

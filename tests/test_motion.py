@@ -13,8 +13,8 @@ from form_drake.identify.search import searched
 from form_drake.identify.weak import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
-from form_drake.motion.fit import _smoothed as smoothed
 from form_drake.motion.knots import chosen_space, chosen_time, white_noise
+from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording, Stream
@@ -23,7 +23,7 @@ from form_drake.weak.solve import Weights
 from form_drake.weak.system import Row
 
 ready = importlib.import_module("form_drake.weak.ready")
-fit_module = importlib.import_module("form_drake.motion.fit")
+smoothing_module = importlib.import_module("form_drake.motion.smoothing")
 LOW, HIGH = np.array([-0.01, -0.01, 0.0]), np.array([0.01, 0.01, 0.03])
 SQUARE = Symmetry((0, 1), (0, 1))
 
@@ -178,7 +178,7 @@ def test_a_body_that_drifts_is_symmetric_about_its_centre():
 def test_covariance_of_the_rows_is_that_of_their_errors(monkeypatch):
     # with smoothing the claim holds what that takes away too, of which such plain motion has little
     monkeypatch.setattr(
-        fit_module, "_share", lambda power, roughness, noise: np.ones(len(roughness))
+        smoothing_module, "_share", lambda power, roughness, noise: np.ones(len(roughness))
     )
     noise, shape = 20e-6, body(made())
     first = made(noise=noise)
@@ -204,10 +204,12 @@ def test_the_error_of_a_mode_is_that_of_its_field_and_of_its_series():
     roughness = np.geomspace(1.0, 1e4, 50)
     true = 300.0 * np.outer(series, field / np.sqrt(roughness) / 0.1)
     field = true[0] / np.linalg.norm(true[0])
-    made = [
-        smoothed(true + rng.standard_normal(true.shape), roughness, np.ones(50), 1.0)
-        for _ in range(200)
-    ]
+
+    def smoothed(z):
+        smoothing, spread = smoothing_of(z, roughness, np.ones(50), 1.0)
+        return smoothing(z), spread
+
+    made = [smoothed(true + rng.standard_normal(true.shape)) for _ in range(200)]
     errors = np.array([z for z, _ in made]) - np.mean([z for z, _ in made], axis=0)
     others = np.eye(30) - np.outer(series, series)
     drawn = []
@@ -310,3 +312,26 @@ def test_two_nonlinear_constants_are_found_together(true, theta):
     problem.b[:] = problem.rows(np.log(true))[0] @ np.array(theta)
     eta = searched(problem, Weights((np.eye(40),), 0.0))
     np.testing.assert_allclose(np.sort(np.exp(eta)), true, rtol=1e-3)
+
+
+def test_a_fit_like_another_is_linear_and_has_its_response():
+    """What noise does to a fit whose smoothing is given is that smoothing of the noise."""
+    made_without, drawn = made(), []
+    shape = body(made_without)
+    like = fit_tracks(made(noise=3e-5), shape, symmetric=False)
+    plain = fit_tracks(made_without, shape, like=like)
+    rng = np.random.default_rng(5)
+    noise = 3e-5 * rng.standard_normal(made_without.p_WQ.shape)
+    both, once, twice = (
+        fit_tracks(replace(made_without, p_WQ=made_without.p_WQ + k * noise), shape, like=like).c
+        for k in (0.0, 1.0, 2.0)
+    )
+    assert np.array_equal(both, plain.c)
+    assert np.allclose(twice - both, 2.0 * (once - both), atol=1e-12)
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        p_WQ = made_without.p_WQ + 3e-5 * rng.standard_normal(made_without.p_WQ.shape)
+        drawn.append(fit_tracks(replace(made_without, p_WQ=p_WQ), shape, like=like).c - plain.c)
+    claimed = [like.responding.draw(np.random.default_rng(n)) for n in range(30)]
+    sizes = [np.sqrt(np.mean(np.square(some))) for some in (drawn, claimed)]
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.05)

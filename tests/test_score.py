@@ -9,17 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from form_drake.diagnose.score import coherence, corrected, leftover, scores, shapes
+from form_drake.diagnose.match import matched
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.effects import CATALOGUE
-from form_drake.identify.scene import twin_problem
-from form_drake.identify.weak import WeakOptions, weighed
+from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
 from form_drake.material import Material
-from form_drake.motion import body
+from form_drake.motion import body, fit_tracks
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
 from form_drake.weak.fields import BoxFields
-from form_drake.weak.solve import weights
+from form_drake.weak.ready import prepared
+from form_drake.weak.unknowns import Unknowns
+from form_drake.weak.windows import even
 
 DX, NOISE = 0.004, 5e-6
 LAW, TRUTH = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
@@ -48,7 +51,7 @@ def probe():
     )
 
 
-STAGE = Stage(probe(), DX, apart=0.625)
+STAGE = Stage(probe(), DX)
 
 
 def rolled(values):
@@ -73,27 +76,22 @@ def noisy(made, seed=0):
 
 
 def scored(data):
-    """Scores about a twin at moduli that one step from a wrong start has found."""
-    fields = BoxFields.of(body(data), frozenset(data.forces), spans=1)
-    options = WeakOptions(fields=(fields,), window=0.12, draws=0)
-    ready = weighed([data], LAW, {}, options)
-    by = weights(ready.noise, np.ones(sum(map(len, ready.noise))), 0.0)
-    values = dict(START)
-    for _ in range(2):
-        twin = twin_problem(ready.problem, [data], rolled, values)
-        change = corrected(ready.problem, twin, by, values)
-        values = {k: values[k] + d for k, d in zip(values, change, strict=True)}
-    twin = twin_problem(ready.problem, [data], rolled, values)
-    found = scores(ready.problem, twin, by, values, EFFECTS)
-    return found, leftover(ready.problem, twin, by, values)[1], values
+    """Scores about a twin that has been brought near to the data from a wrong start."""
+    shape = body(data)
+    fields = BoxFields.of(shape, frozenset(data.forces), spans=(1, 1, 3), clear=DX)
+    fit = fit_tracks(data, shape, symmetric=False)
+    read = prepared(data, "probe", [fields], even(0.0, 0.4, 0.12, 0.05), shape, fit)
+    problem = Problem.of([read], Unknowns.of(LAW, {}, "law"), "borne")
+    match = matched(problem, Scenes.of((data,), DX), Model(LAW, START))
+    return scores(match, EFFECTS), match
 
 
 def test_nothing_stands_out_where_nothing_is_hidden(plain):
-    found, left, values = scored(noisy(plain))
+    found, match = scored(noisy(plain))
     assert max(s.score for s in found) < 12.0
-    assert left @ left < 1.3 * len(left)
+    assert match.left @ match.left < 1.3 * len(match.left)
     for k, true in TRUTH.items():
-        assert values[k] == pytest.approx(true, rel=0.03)
+        assert match.model.values[k] == pytest.approx(true, rel=0.03)
 
 
 HIDDEN = {
@@ -110,7 +108,7 @@ def test_the_hidden_effect_stands_out(name, plain):
         made = effect.sensor(plain, size, shape)
     else:
         made = STAGE.rolled(effect.world(STAGE.world(Material(LAW, TRUTH, 1000.0)), size, shape))
-    found, _, _ = scored(noisy(made))
+    found, _ = scored(noisy(made))
     assert found[0].effect is effect and found[0].score > 2.0 * found[1].score
     assert 0.5 < found[0].coefficient / size < 2.0  # to first order, about moduli that took a part
     assert found[0].limit < size

@@ -6,17 +6,19 @@ import tyro
 
 from form_drake.commands.bench import Bench
 from form_drake.commands.demo import Demo
+from form_drake.commands.diagnose import Diagnose
 from form_drake.commands.identify import Identify
 from form_drake.commands.inspect import Check, List
 from form_drake.commands.predict import Predict
 from form_drake.commands.simulate import Simulate
 
-VERBS = ("demo", "simulate", "identify", "predict", "check", "list", "bench")
+VERBS = ("demo", "simulate", "identify", "predict", "diagnose", "check", "list", "bench")
 COMMANDS = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Predict, tyro.conf.subcommand("predict")]
+    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[List, tyro.conf.subcommand("list")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from form_drake.bench import (
     deformable,
+    nulls,
     positions,
     probes,
     rubber,
@@ -89,6 +90,31 @@ class Table2:
 
         name, table = ("table2-weak", table2_weak.table) if weak else ("table2", table2.table)
         _finish(name, self.out, run, table, whole=not self.only, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class Nulls:
+    """Scores of a diagnosis where nothing is missing, on data from a finer grid than the twin's."""
+
+    draws: int = nulls.DRAWS
+    """Draws of noise on every specimen."""
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-nulls/nulls.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+        if self.draws < 1:
+            raise ValueError(f"--draws {self.draws}: at least one is wanted")
+
+        def run(store: Path) -> dict[str, Any]:
+            return nulls.run_nulls(draws=self.draws, store=store, only=self.only)
+
+        whole = not self.only
+        _finish("nulls", self.out, run, nulls.table, whole=whole, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -268,6 +294,7 @@ class Bench:
 
     case: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Table2, tyro.conf.subcommand("table2")]
+        | Annotated[Nulls, tyro.conf.subcommand("nulls")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]

@@ -1,5 +1,6 @@
 """``form-drake predict``: roll an identified material out and compare."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,6 +10,8 @@ import tyro
 from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
+from form_drake.diagnose import Model, Scenes
+from form_drake.effects import CATALOGUE
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
@@ -16,6 +19,7 @@ from form_drake.mpm.bodies import rigid_velocity
 from form_drake.mpm.prediction import predict
 from form_drake.records import Recording, read, write_recording
 
+Predicted = Callable[[Material, Recording], tuple[Recording, dict[str, Any], str]]
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
@@ -46,7 +50,7 @@ def moving(recording: Recording, twist: str | None) -> Recording:
 @dataclass(frozen=True)
 class Predict:
     """Predict a recorded motion with an identified material: thrown, from its first frame; probed in
-    a station, with the tool moving as recorded."""
+    a station, or between the faces that the recording states, with the tool moving as recorded."""
 
     material: tyro.conf.Positional[Path]
     """Material file (YAML)."""
@@ -76,8 +80,14 @@ class Predict:
         material, recording = read_material(self.material), read(self.recording)
         device(self.device)
         material = material.changed(assignments(self.set))
-        probed = recording.solver is None and bool(recording.poses)
-        predicted, result, text = (self._probed if probed else self._thrown)(material, recording)
+        how = self._how(recording)
+        if material.effects and how != self._staged:
+            raise ValueError(
+                f"{self.material} has effects ({', '.join(e.id for e in material.effects)}): they act"
+                " in recordings that state their block and the poses of what holds it, without a"
+                " scenario"
+            )
+        predicted, result, text = how(material, recording)
         if self.out is not None:
             write_recording(predicted, out)
         else:
@@ -87,6 +97,31 @@ class Predict:
             out = out / "prediction.h5"
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
+
+    def _how(self, recording: Recording) -> Predicted:
+        """Thrown, in a station, or between the faces that the recording states."""
+        if recording.solver is not None or not recording.poses:
+            return self._thrown
+        stationed = self.scenario or self.recording.with_name("scenario.yaml").is_file()
+        return self._probed if stationed or "shape" not in recording.geometry else self._staged
+
+    def _staged(
+        self, material: Material, recording: Recording
+    ) -> tuple[Recording, dict[str, Any], str]:
+        if self.drive != "pose":
+            raise ValueError(f"--drive {self.drive}: without a scenario, poses drive the tools")
+        model = Model.of(material, CATALOGUE)
+        (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
+        apart = predicted.p_WQ - recording.p_WQ
+        errors = {"shape_rms": float(np.sqrt(np.nanmean(np.sum(apart**2, axis=2))))}
+        text = f"{self.recording.name}: shape {1e3 * errors['shape_rms']:.3g} mm rms"
+        for tool, seen in recording.forces.items():
+            size = float(np.sqrt(np.mean(np.sum(np.square(seen.value), axis=1))))
+            change = predicted.forces[tool].value - seen.value
+            share = float(np.sqrt(np.mean(np.sum(change**2, axis=1)))) / max(size, 1e-300)
+            errors[f"force_rms_{tool}"] = share
+            text += f", force on {tool} {100 * share:.3g} % rms"
+        return predicted, self._named(material) | errors, text
 
     def _thrown(
         self, material: Material, recording: Recording

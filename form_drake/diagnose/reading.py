@@ -1,6 +1,6 @@
 """A measured motion as effects read it: what each source adds to the rows of its balance."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,12 +9,14 @@ import numpy as np
 from form_drake.effects.effect import Change
 from form_drake.identify.problem import Problem
 from form_drake.laws import Law, Values, law_named
-from form_drake.motion import Motion
-from form_drake.weak.balance import Along, balance
+from form_drake.motion import Motion, Sampling
+from form_drake.weak.balance import Along, Fixed, balance
 from form_drake.weak.probe import Probe
+from form_drake.weak.ready import quadrature_cells
 from form_drake.weak.stress import elastic_part, unit_stresses
 
 STEP = 1e-4  # of a displacement, in differences
+CELLS = 5  # of the quadrature along the least edge of a body, at least: what is sought may be small
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class ProbeReading:
     @classmethod
     def of(cls, problem: Problem, values: Mapping[str, float]) -> "tuple[ProbeReading, ...]":
         """One for each probe of a problem."""
-        return tuple(cls(probe, problem.unknowns.law, dict(values)) for probe in problem.probes)
+        law = problem.unknowns.law
+        return tuple(cls(_finely(probe), law, dict(values)) for probe in problem.probes)
 
     @cached_property
     def motion(self) -> Motion:
@@ -67,6 +70,30 @@ class ProbeReading:
     def now(self) -> np.ndarray:
         return self.stretched(1.0)
 
+    def shared(self, share: np.ndarray) -> np.ndarray:
+        if self._stress_by_point is None:
+            return self.stress(share[:, None, None] * self.now())
+        return np.asarray(self._stress_by_point @ share)
+
+    @cached_property
+    def _stress_by_point(self) -> np.ndarray | None:
+        chi, now = self.probe.windows.chi, self.now()
+        return self._by_point(lambda family: family.stress_by_point(now, chi))
+
+    @cached_property
+    def _mass_by_point(self) -> np.ndarray | None:
+        windows, scale = self.probe.windows, self.motion.mass / self.m
+        found = self._by_point(lambda family: family.mass_by_point(windows.chi, windows.rate))
+        return None if found is None else found * scale  # by that of a quasi-static scene
+
+    def _by_point(self, parts: Callable[[Fixed], np.ndarray]) -> np.ndarray | None:
+        """Rows as sums over points, where all fields are fixed, shape [rows, points]."""
+        families = [f for f in self._along.families if isinstance(f, Fixed)]
+        if len(families) < len(self._along.families):
+            return None
+        found = np.concatenate([parts(f) for f in families], axis=1)
+        return np.asarray(found.reshape(-1, found.shape[-1])[self.probe.keep])
+
     def stretched(self, factor: float) -> np.ndarray:
         T = self._stresses(self.law, self.values, factor * self._elastic)
         found: np.ndarray = np.tensordot(self.law.theta(self.values), T, axes=1)
@@ -82,6 +109,8 @@ class ProbeReading:
         return found
 
     def mass(self, m: np.ndarray) -> np.ndarray:
+        if self._mass_by_point is not None:
+            return -np.asarray(self._mass_by_point @ m)
         scaled = m * self.motion.mass / self.m  # by the mass scale of a quasi-static scene
         return -self._masses(replace(self.motion, mass=scaled, pressure=None), self.gravity)
 
@@ -130,6 +159,25 @@ class ProbeReading:
             r = balance(family, motion, gravity).rest
             found.append(chi @ (r.load + r.carried) + rate @ r.momentum)
         return self._kept(np.concatenate(found, axis=1))
+
+
+def _finely(probe: Probe) -> Probe:
+    """The same rows by a quadrature that a part of the body cannot slip through."""
+    motion = probe.motion
+    supplied = motion.pressure is not None or motion.body_force is not None
+    if supplied or not all(f.fixed for f in probe.fields):
+        return probe
+    body, cells = probe.body, quadrature_cells(probe.fit, probe.fields, probe.body)
+    widest = float((body.high - body.low).min()) / CELLS
+    for n, ends in enumerate(cells):
+        parts = np.ceil(np.diff(ends) / widest - 1e-6).astype(int)
+        inner = [
+            np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends, ends[1:], parts, strict=False)
+        ]
+        cells[n] = np.append(np.concatenate(inner), ends[-1])
+    X, volume = body.gauss(cells, 2)
+    density = float(motion.mass.sum() / motion.volume.sum())
+    return replace(probe, sampling=Sampling.of(probe.fit, probe.windows.time, X, volume, density))
 
 
 def _displaced(motion: Motion, displacement: Change, size: float) -> Motion:

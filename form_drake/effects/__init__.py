@@ -14,6 +14,7 @@ from form_drake.effects.material import (
     RATE_DEPENDENCE,
     STIFFENING,
 )
+from form_drake.effects.own import load
 from form_drake.effects.sensor import (
     CAMERA_POSE,
     CAMERA_SCALE,
@@ -33,6 +34,7 @@ __all__ = [
     "Reading",
     "Shape",
     "World",
+    "load",
 ]
 
 CATALOGUE: dict[str, Effect] = {

@@ -60,6 +60,10 @@ class Reading(Protocol):
         """The Kirchhoff stress of the law as it is [Pa], shape [times, points, 3, 3]."""
         ...
 
+    def shared(self, share: np.ndarray) -> np.ndarray:
+        """A share of that stress, which differs from point to point, shape [points]."""
+        ...
+
     def stretched(self, factor: float) -> np.ndarray:
         """The same, were every deformation gradient multiplied by a factor."""
         ...

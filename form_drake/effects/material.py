@@ -91,7 +91,7 @@ EIGENSTRAIN = Effect(
 
 
 def _inclusion_column(reading: Reading, shape: Shape) -> np.ndarray:
-    return reading.stress(ball(shape).share(reading.X)[:, None, None] * reading.now())
+    return reading.shared(ball(shape).share(reading.X))
 
 
 def _inclusion_world(scene: World, size: float, shape: Shape) -> World:

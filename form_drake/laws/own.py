@@ -36,7 +36,7 @@ def load(path: Path) -> list[Law]:
     path = Path(path).absolute()
     loaded = {id(law) for law in (LAWS | ADDITIONS | OWN).values()}
     found: dict[int, Law] = {}
-    for thing in vars(_run(path)).values():
+    for thing in vars(executed(path)).values():
         if isinstance(thing, Law) and id(thing) not in loaded and not thing.summands:
             found[id(thing)] = thing
     laws = list(found.values())
@@ -58,7 +58,12 @@ def load(path: Path) -> list[Law]:
     return laws
 
 
-def _run(path: Path) -> ModuleType:
+def executed(path: Path) -> ModuleType:
+    """A Python file, run.
+
+    Raises:
+        ValueError: one line: there is no such file, or it fails, and where.
+    """
     try:
         code = compile(path.read_bytes(), str(path), "exec")
     except OSError as error:

@@ -13,36 +13,17 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
-from form_drake.motion.knots import chosen_space, chosen_time, edge, filled, modes, press
+from form_drake.motion.knots import chosen_space, chosen_time, edge, filled, press
+from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
 from form_drake.motion.tracks import jitter, noise_of, tracks
 from form_drake.records import Recording
 
-FLAT = 1e-9  # of the largest roughness, below which a function has none
 FAINT = 0.01  # of the largest mode that the fields leave, below which one is left out
 CLEAR = 1.05  # times the largest singular value that noise alone would give
-FACTORS = 200  # of smoothing that are compared
-# times the likely variance that a mode is granted: what smoothing costs must stay below the noise
-UNDER = 10.0
 # Motion is followed down to this share of what its spatial basis leaves of it, were the noise less.
 FOLLOWED = 0.1
-
-
-@dataclass(frozen=True)
-class Spread:
-    """An independent part of the error of a fit, mix (scale z) time_root^T with z white, in the
-    functions of ``Fit.roots``.
-
-    Attributes:
-        scale: shape [parts, moments or 1].
-        time_root: [m], shape [time.size, moments].
-        mix: shape [space.size, parts]; None: every function is a part.
-    """
-
-    scale: np.ndarray
-    time_root: np.ndarray
-    mix: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +40,9 @@ class Fit:
         roots: R of every block of the space, with R R^T the covariance of the coefficients of its
             functions per unit noise, were none of it smoothed or held by the ridge.
         spread: parts of the covariance, see there.
+        smoothing: of the coefficients.
+        response: parts of the covariance that the noise of the tracks alone has, were the smoothing
+            given and its bias known.
     """
 
     space: Space
@@ -69,6 +53,13 @@ class Fit:
     held_out: float
     roots: tuple[np.ndarray, ...]
     spread: tuple[Spread, ...]
+    smoothing: Smoothing
+    response: tuple[Spread, ...]
+
+    @property
+    def responding(self) -> "Fit":
+        """The same with the covariance of its response, for what a fit ``like`` it is compared with."""
+        return replace(self, spread=self.response)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Noise of the coefficients [m], shape of c."""
@@ -102,7 +93,7 @@ def fit_tracks(
     Args:
         recording: of the tracks.
         body: the specimen.
-        like: fit whose bases are taken; None: they are chosen.
+        like: fit whose bases and smoothing are taken; None: they are chosen.
         symmetric: whether symmetries that the tracks support are taken.
 
     Raises:
@@ -133,58 +124,23 @@ def fit_tracks(
     count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
     misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
     told = np.maximum(1.0 - RIDGE * len(X) * roughness, 0.0)  # the rest the ridge holds, not data
-    z, parts = _smoothed(z, roughness, told, follow)
-    parts = tuple(replace(part, time_root=noise * back @ part.time_root) for part in parts)
+    smoothing, parts = (like.smoothing, ()) if like else smoothing_of(z, roughness, told, follow)
+    z, response = smoothing(z), smoothing.spread(told)
+    response, parts = (
+        tuple(replace(part, time_root=noise * back @ part.time_root) for part in own)
+        for own in (response, parts or response)
+    )
     series = _unfollowed(rest, noise, freedom)
     parts = (*parts, Spread(np.sqrt(told)[:, None], back @ Q.T @ series))
     c = space.tied(_by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
-    return Fit(space, splines, c, noise, misfit, held, roots, parts)
+    return Fit(space, splines, c, noise, misfit, held, roots, parts, smoothing, response)
 
 
 def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:
     """Coefficients of all functions [m] from whitened ones, shape [space.size, n]."""
     ends = np.cumsum([len(R) for R in roots])[:-1]
     return np.concatenate([R @ w for R, w in zip(roots, np.split(white, ends), strict=True)])
-
-
-def _smoothed(
-    z: np.ndarray, roughness: np.ndarray, told: np.ndarray, noise: float
-) -> tuple[np.ndarray, tuple[Spread, ...]]:
-    """Coefficients of white noise, smoothed in space: each mode by itself, and the rest together.
-
-    What noise does to a mode is, to first order, what it adds to the field at the mode's series and
-    to the series at the mode's field.
-
-    Args:
-        z: shape [moments, functions].
-        roughness: shape [functions].
-        told: variance of each coefficient per square of the noise, at most 1, shape [functions].
-        noise: standard deviation of a coefficient that the data tell [m].
-
-    Returns:
-        Coefficients, shape of z, and their error per unit noise by moments: the share that is kept
-        of a function is its variance too.
-    """
-    U, S, Vt = modes(z, noise)
-    weak = z - (U * S) @ Vt
-    count = len(z) - len(S)
-    rest = np.ones(len(roughness))
-    if count > 0:
-        rest = _share(np.sum(weak**2, axis=0) / count, roughness, noise)
-    found, scales, mix = rest * weak, [], []
-    for series, size, mode in zip(U.T, S, Vt, strict=True):
-        own = _share((size * mode) ** 2, roughness, noise)
-        own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
-        found += np.outer(series, own * size * mode)
-        scales.append(np.sqrt(told * (own - rest)))
-        mix.append(np.sqrt((own - rest) * (told @ mode**2)) * mode)
-    others = np.eye(len(z)) - U @ U.T
-    return found, (
-        Spread(np.sqrt(told * rest)[:, None], np.eye(len(z))),
-        Spread(np.array(scales).T, U),
-        Spread(np.ones((len(mix), 1)), others, np.array(mix).T),
-    )
 
 
 def _unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
@@ -211,29 +167,6 @@ def _unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
     sure = S > CLEAR * noise * edge(rows, columns)
     kept = sure & (S > FAINT * S[0])
     return U[:, kept] * np.sqrt(square[kept] / columns)
-
-
-def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray:
-    """Share of each function that is likely not noise, where its variance goes by 1 / roughness.
-
-    The factor is the most likely one (evidence); functions without roughness are kept.
-
-    Args:
-        power: mean square of the coefficients [m^2], noise included, shape [functions].
-        roughness: shape [functions].
-        noise: standard deviation of a coefficient [m].
-    """
-    found = np.ones(len(roughness))
-    rough = roughness > FLAT * roughness.max()
-    k = roughness[rough]
-    if noise <= 0.0 or not len(k):
-        return found
-    top = max(float(power.max()), noise**2)
-    factors = np.geomspace(1e-6 * noise**2 * k.min(), 1e3 * top * k.max(), FACTORS)
-    variance = noise**2 + factors[:, None] / k
-    cost = np.sum(np.log(variance) + power[rough] / variance, axis=1)
-    found[rough] = 1.0 - noise**2 / variance[int(np.argmin(cost))]
-    return found
 
 
 def _projected(

@@ -12,6 +12,7 @@ from form_drake.mpm.tools import Motions, Tool
 from form_drake.records.solver import Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
+LAYER = 1.8  # of the same, within which particles are tied: the first layer, whatever its spacing
 EDGE = 3  # cells of the grid beyond the region that particles may visit
 
 
@@ -100,6 +101,16 @@ class Scene:
     def tools(self) -> tuple[Tool, ...]:
         return self.simulation.tools.tools
 
+    def tie(self, motions: Motions) -> None:
+        """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it."""
+        radius = 0.5 * np.cbrt(self.simulation.body.volume)
+        tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
+        for n, tool in enumerate(self.tools):
+            if tool.contact == "tied":
+                local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
+                tied[n] = tool.solid.distance(local) < LAYER * radius
+        self.simulation.tools.tie(tied)
+
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""
         body = self.simulation.body
@@ -114,7 +125,7 @@ class Scene:
         for n, tool in enumerate(self.tools):
             local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
             depth = radius - float(tool.solid.distance(local).min())
-            if tool.contact != "bonded" and depth > TOUCH * radius:
+            if tool.contact not in ("tied", "bonded") and depth > TOUCH * radius:
                 found[tool.name] = depth
         return found
 

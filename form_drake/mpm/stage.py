@@ -17,6 +17,7 @@ from form_drake.mpm.exchange import Scene, Snapshot, region_around
 from form_drake.mpm.model import Body
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Motions, Tool
+from form_drake.mpm.tracing import between
 from form_drake.records import Recording, Stream
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
@@ -24,7 +25,6 @@ SETTLING = 0.15  # time [s] that the body is given to come to rest
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 ROOM = 0.4  # of the body's size, left around it
 LEVELS = 8  # of stiffness across the edge of an inclusion
-FAINT = 1e-9  # of a particle's volume: points that only go along
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,16 @@ class Stage:
         shape = self._shape
         held = self._held(shape)
         paths = [_Path.of(self.recording, shape, face) for face in held]
-        bodies = self._bodies(world, shape)
+        dx, halfway = self._grid(held, paths)
+        bodies = self._bodies(world, shape, dx)
+        size = shape.high - shape.low
+        room = ROOM * size + max((float(np.abs(p.travel).max()) for p in paths), default=0.0)
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
             [_tool(face) for face in held],
-            region=self._region(shape, paths),
-            dx=self.dx,
+            region=region_around(np.stack([shape.low, shape.high]), room, dx, halfway),
+            dx=dx,
             gravity=world.gravity,
             mass_scale=self.recording.mass_scale,
             precision=self.precision,
@@ -109,16 +112,28 @@ class Stage:
                 )
         return [f for f in shape.faces if f.condition != "free"]
 
-    def _region(self, shape: Shape, paths: "list[_Path]") -> np.ndarray:
-        size = shape.high - shape.low
-        travel = max((float(np.abs(p.travel).max()) for p in paths), default=0.0)
-        room = ROOM * size + travel
-        return region_around(np.stack([shape.low, shape.high]), room, self.dx, {})
+    def _grid(self, held: list[Face], paths: "list[_Path]") -> tuple[float, dict[int, float]]:
+        """A spacing near ``dx`` [m], and places half-way between nodes [m], by axis.
 
-    def _bodies(self, world: World, shape: Shape) -> list[tuple[Material, Body]]:
-        """Parts of the body by material, and last the tracked points."""
+        Bonds are true where no row of nodes comes in or goes out: so the planes of bonded faces lie
+        half-way at the middle of their ways, both of a pair if there is one.
+        """
+        dx, places = self.dx, dict[int, float]()
+        for face, path in zip(held, paths, strict=True):
+            if face.condition != "bonded":
+                continue
+            middle = path.middle(face)
+            if face.axis in places:
+                apart = abs(middle - places[face.axis])
+                dx = apart / max(round(apart / self.dx), 1)
+            else:
+                places[face.axis] = middle
+        return dx, places
+
+    def _bodies(self, world: World, shape: Shape, dx: float) -> list[tuple[Material, Body]]:
+        """Parts of the body by material."""
         size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
-        whole = block(middle, size, self.apart * self.dx, world.density)
+        whole = block(middle, size, self.apart * dx, world.density)
         density = np.full(len(whole.x), world.density)
         for one in world.masses:
             density += one.mass * one.ball.spread(whole.x, whole.volume) / whole.volume
@@ -134,9 +149,7 @@ class Stage:
             found.append(
                 (plain.changed(stiffer), Body(whole.x[own], whole.volume[own], density[own]))
             )
-        X = self.recording.reference
-        along = Body(X, np.full(len(X), FAINT * whole.volume[0]), world.density)
-        return [*found, (plain, along)]
+        return found
 
 
 @dataclass(frozen=True)
@@ -157,11 +170,12 @@ class _Play:
     def _run(self) -> tuple[list[Snapshot], np.ndarray, np.ndarray]:
         """Snapshots at the frames; stamps [s] of mean forces on the faces [N]."""
         scene, world = self.scene, self.world
+        still = _motions(self.paths, 0.0, 0.0)
+        scene.tie(still)
         snapshot = scene.start()
         if world.swelling:
             F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
             snapshot = replace(snapshot, state=replace(snapshot.state, F=F))
-        still = _motions(self.paths, 0.0, 0.0)
         for _ in range(int(np.ceil(SETTLING / PERIOD))):
             snapshot = scene.advance(snapshot, still, PERIOD, CALM)
         frames, stamps, forces = [snapshot], [0.0], [snapshot.force]
@@ -181,15 +195,16 @@ class _Play:
     def recorded(self) -> Recording:
         """What would have been recorded."""
         (frames, stamps, forces), streams = self._run, {}
-        count = len(self.recording.reference)
         for name, measured in self.recording.forces.items():
             own = sum(forces[:, n] for n, path in enumerate(self.paths) if path.tool == name)
             at = measured.time - self.recording.time[0]
             value = np.stack([np.interp(at, stamps, f) for f in np.asarray(own).T], axis=1)
             streams[name] = Stream(measured.time, value)
+        rest, X = self.scene.rest, self.recording.reference
+        follow = between(X, rest)
         return replace(
             self.recording,
-            p_WQ=np.array([f.p_WQ[-count:] for f in frames]),
+            p_WQ=np.array([X + follow @ (f.p_WQ - rest) for f in frames]),
             p_reference=self.recording.reference,
             valid=None,
             forces=streams,
@@ -197,14 +212,11 @@ class _Play:
         )
 
     def motion(self) -> Motion:
-        """Of the particles, tracked points left out."""
-        frames, own = self._run[0], slice(0, -len(self.recording.reference))
-        body = self.scene.simulation.body
-        v, F, L = (np.array([getattr(f.state, k)[own] for f in frames]) for k in "vFL")
-        x = np.array([f.p_WQ[own] for f in frames])
-        return Motion(
-            self._time, self.scene.rest[own], x, v, F, L, body.volume[own], body.mass[own]
-        )
+        """Of the particles."""
+        frames, body = self._run[0], self.scene.simulation.body
+        v, F, L = (np.array([getattr(f.state, k) for f in frames]) for k in "vFL")
+        x = np.array([f.p_WQ for f in frames])
+        return Motion(self._time, self.scene.rest, x, v, F, L, body.volume, body.mass)
 
 
 @dataclass(frozen=True)
@@ -249,6 +261,12 @@ class _Path:
         place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
         return cls(face.tool, p, first[:3, :3].T @ R, place, turn, X[:, :3, 3] - first[:3, 3])
 
+    def middle(self, face: Face) -> float:
+        """Coordinate along the face's axis at the middle of its way [m]."""
+        way = self.travel[:, face.axis]
+        place, _ = self.at(0.0)
+        return float(place[face.axis] + 0.5 * (way.min() + way.max()))
+
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Place [m] and orientation of the plane."""
         if self.place is None:
@@ -280,5 +298,5 @@ def _tool(face: Face) -> Tool:
     return Tool(
         face.tool or "face",
         Solid.half_space(),
-        "bonded" if face.condition == "bonded" else 0.0,
+        "tied" if face.condition == "bonded" else 0.0,
     )

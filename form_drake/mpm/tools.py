@@ -3,9 +3,10 @@
 A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
 into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, never
 pulling. Along the surface it is held where it touched: s being how far it has gone from there, it
-gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A bonded tool prescribes the velocity of the grid
-nodes inside it. Every impulse given to the material is taken from the tool, so that momentum is
-kept to round-off.
+gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A bonded
+tool prescribes the velocity of the grid nodes inside it; a tied one holds the particles that are
+tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
+material is taken from the tool, so that momentum is kept to round-off.
 """
 
 from dataclasses import dataclass
@@ -30,20 +31,20 @@ class Tool:
     Attributes:
         name: of the tool.
         solid: its shape, in its frame T.
-        contact: Coulomb's coefficient (0: frictionless), ``stick`` or ``bonded``.
+        contact: Coulomb's coefficient (0: frictionless), ``stick``, ``tied`` or ``bonded``.
     """
 
     name: str
     solid: Solid
-    contact: float | Literal["stick", "bonded"] = 0.0
+    contact: float | Literal["stick", "tied", "bonded"] = 0.0
 
     def __post_init__(self) -> None:
-        if self.contact in ("stick", "bonded"):
+        if self.contact in ("stick", "tied", "bonded"):
             return
         if isinstance(self.contact, str) or not 0.0 <= self.contact < np.inf:
             raise ValueError(
                 f"tool {self.name}: contact {self.contact!r}; allowed are a coefficient of at least"
-                " 0, stick and bonded"
+                " 0, stick, tied and bonded"
             )
 
 
@@ -83,6 +84,7 @@ class Tools:
         self._speed, self._spin = wp.zeros_like(self._place), wp.zeros_like(self._place)
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
+        self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
@@ -90,6 +92,10 @@ class Tools:
         """Set places and velocities; from there on every step carries the tools on."""
         for target, value in zip(self._where(), vars(motions).values(), strict=True):
             target.assign(np.ascontiguousarray(value, dtype=self._dtype))
+
+    def tie(self, tied: np.ndarray) -> None:
+        """Say which particles are tied to which tool, shape [tools, particles]."""
+        self._tied.assign(np.asarray(tied, dtype=bool))
 
     def impulses(self) -> tuple[np.ndarray, np.ndarray]:
         """Impulse [N s] on every tool and its moment [N m s] about the tool's origin, so far.
@@ -116,7 +122,10 @@ class Tools:
     def push(self, clock, x, v, mass, radius) -> None:
         """Launch what the touching tools do to the particles before a step."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
-            if tool.contact != "bonded":
+            if tool.contact == "tied":
+                inputs = [n, *self._where(), clock, self._tied, x, v, mass, self._slip, self._taken]
+                wp.launch(tie(self._precision), len(x), inputs, device=self.device)
+            elif tool.contact != "bonded":
                 friction = -1.0 if tool.contact == "stick" else float(tool.contact)
                 inputs = [n, solid, *self._where(), clock, friction]
                 inputs += [x, v, mass, radius, self._slip, self._taken]
@@ -198,6 +207,43 @@ def contact(precision: str):
             share = friction * push / size
         slip[n, p] = share * gone
         change = push * normal - share * wanted
+        v[p] = v[p] + change
+        give(taken, n, r, -mass[p] * change)
+
+    return kernel
+
+
+@cache
+def tie(precision: str):
+    """Kernel that holds the particles that are tied to one tool."""
+    t = types(precision)
+    real, vec3, give = t.real, t.vec3, _give(precision)
+    beta = wp.constant(real(BETA))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+        tied: wp.array2d(dtype=wp.bool),
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        mass: wp.array(dtype=real),
+        slip: wp.array2d(dtype=vec3),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        p = wp.tid()
+        dt = clock[0][0]
+        if not tied[n, p] or dt <= real(0.0):
+            return
+        r = x[p] - place[n]
+        u = v[p] - speed[n] - wp.cross(spin[n], r)
+        gone = slip[n, p] + dt * u
+        slip[n, p] = gone
+        change = -u - (beta / dt) * gone
         v[p] = v[p] + change
         give(taken, n, r, -mass[p] * change)
 

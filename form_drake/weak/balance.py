@@ -72,7 +72,7 @@ def balance(fields: Fields, motion: Motion, gravity: np.ndarray) -> Balance:
     """Integrals of ``fields`` along a motion under ``gravity`` [m/s^2], shape [3]."""
     if isinstance(fields, CurlFields):
         return _Curled(fields, motion, gravity)
-    return (_Fixed if fields.fixed else _Moving)(fields, motion, gravity)
+    return (Fixed if fields.fixed else _Moving)(fields, motion, gravity)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _each(weights: np.ndarray, integrand: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Fixed:
+class Fixed:
     """Material fields that no motion changes."""
 
     fields: Fields
@@ -163,6 +163,23 @@ class _Fixed:
             load = load + _against(gradient, supplied * _pull(motion))
         momentum = _against(value, motion.mass[:, None] * motion.v)
         return Rest(load, momentum, np.zeros_like(momentum))
+
+    def stress_by_point(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        """The parts of ``stress`` that its points give, shape [windows, fields, points]."""
+        met = (chi @ _flat(T @ _pull(self.motion))).reshape(len(chi), -1, 9)
+        return _by_point(met, self._tables[1])
+
+    def mass_by_point(self, chi: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Weight and inertia of a unit mass at every point [m/s], shape [windows, fields, points]."""
+        v = self.motion.v
+        met = (rate @ _flat(v)).reshape(len(chi), -1, 3)
+        return _by_point(met + chi.sum(axis=1)[:, None, None] * self.gravity, self._tables[0])
+
+
+def _by_point(met: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    table = weights.reshape(len(weights), *met.shape[1:])
+    found: np.ndarray = np.einsum("wpk,fpk->wfp", met, table, optimize=True)
+    return found
 
 
 @dataclass(frozen=True)

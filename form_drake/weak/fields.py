@@ -99,6 +99,8 @@ class BoxFields:
         weights: combinations of scalar functions times directions, shape [fields, size, 3].
         names: of the fields.
         ends: value of every field at each tool, shape [fields, 3].
+
+    Beyond the ends of the basis a field keeps the value that it has there.
     """
 
     basis: Tensor
@@ -110,7 +112,12 @@ class BoxFields:
 
     @classmethod
     def of(
-        cls, body: Body, measured: frozenset[str], spans: int = 2, degree: int = 2
+        cls,
+        body: Body,
+        measured: frozenset[str],
+        spans: int | tuple[int, int, int] = 2,
+        degree: int = 2,
+        clear: float = 0.0,
     ) -> "BoxFields":
         """All fields that the faces of a body admit.
 
@@ -119,15 +126,19 @@ class BoxFields:
             measured: tools whose force is known.
             spans: elements per axis.
             degree: of the splines.
+            clear: distance from held faces [m] at which the fields end there, smoothly: what
+                strains a layer at a plate is not seen; zero: they end at the faces.
         """
-        a, b, c = (
-            Splines.uniform(low, high, spans, degree)
-            for low, high in zip(body.low, body.high, strict=True)
-        )
-        basis = Tensor((a, b, c))
+        count = (spans, spans, spans) if isinstance(spans, int) else spans
+        ends = np.stack([body.low, body.high], axis=1)
+        for face in body.faces:
+            if face.condition in ("bonded", "frictionless"):
+                ends[face.axis, face.side] += (1 - 2 * face.side) * clear
+        a, b, c = (Splines.uniform(e[0], e[1], n, degree) for e, n in zip(ends, count, strict=True))
+        basis, flat = Tensor((a, b, c)), 2 if clear else 1
         free = np.ones((basis.size, 3), dtype=bool)
         for face in body.faces:
-            free[np.ix_(_on(basis, face), np.array(_held(face), dtype=int))] = False
+            free[np.ix_(_on(basis, face, flat), np.array(_held(face), dtype=int))] = False
         weights, names = [], []
         for n, d in np.argwhere(free):
             one = np.zeros((basis.size, 3))
@@ -139,8 +150,9 @@ class BoxFields:
             if face.tool not in measured or face.condition not in ("bonded", "frictionless"):
                 continue
             for d in _held(face):
-                tied = _on(basis, face) & ~_held_elsewhere(basis, body, face, d)
-                if tied.sum() == _on(basis, face).sum():
+                on = _on(basis, face, flat)
+                tied = on & ~_held_elsewhere(basis, body, face, d, flat)
+                if tied.sum() == on.sum():
                     one = np.zeros((basis.size, 3))
                     one[tied, d] = 1.0
                     tools.setdefault(face.tool, []).append((len(weights), d))
@@ -171,7 +183,10 @@ class BoxFields:
     def at(self, motion: Motion) -> Sampled:
         key = motion.X.tobytes()
         if key not in self._last:
-            value, slope = self.basis.matrix(motion.X), self.basis.gradient(motion.X)
+            low, high = (np.array([a.breaks[n] for a in self.basis.axes]) for n in (0, -1))
+            X = np.clip(motion.X, low, high)
+            value, slope = self.basis.matrix(X), self.basis.gradient(X)
+            slope *= np.where(motion.X == X, 1.0, 0.0)[:, None, :]
             self._last.clear()
             self._last[key] = (
                 np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
@@ -184,11 +199,11 @@ class BoxFields:
         return np.ones(len(self.names), dtype=bool)
 
 
-def _on(basis: Tensor, face: Face) -> np.ndarray:
-    """Which scalar functions do not vanish on a face, shape [size]."""
+def _on(basis: Tensor, face: Face, flat: int) -> np.ndarray:
+    """Which scalar functions do not vanish on a face, with ``flat - 1`` derivatives, shape [size]."""
     shape = tuple(a.size for a in basis.axes)
     index = np.indices(shape)[face.axis].ravel()
-    found: np.ndarray = index == (shape[face.axis] - 1 if face.side else 0)
+    found: np.ndarray = index >= shape[face.axis] - flat if face.side else index < flat
     return found
 
 
@@ -199,12 +214,12 @@ def _held(face: Face) -> list[int]:
     return [face.axis] if face.condition == "frictionless" else [0, 1, 2]
 
 
-def _held_elsewhere(basis: Tensor, body: Body, face: Face, d: int) -> np.ndarray:
+def _held_elsewhere(basis: Tensor, body: Body, face: Face, d: int, flat: int) -> np.ndarray:
     """Functions of ``face`` that another face holds in direction ``d``."""
     other = np.zeros(basis.size, dtype=bool)
     for neighbour in body.faces:
         if neighbour.axis != face.axis and d in _held(neighbour):
-            other |= _on(basis, neighbour)
+            other |= _on(basis, neighbour, flat)
     return other
 
 

@@ -35,7 +35,7 @@ def prepared(
     step = frame / np.ceil(SAMPLES * frame / width - 1e-6)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
     mirrors = _mirrors(recording, fit, fields)
-    cells = _cells(fit, fields, shape, mirrors)
+    cells = quadrature_cells(fit, fields, shape, mirrors)
     exchange = fit.space.symmetry.exchange if mirrored(fit, fields) else ()
     middle = 0.5 * (shape.low + shape.high)[list(exchange)]
     if not (set(exchange) <= set(mirrors) and _alike(cells, exchange, middle)):
@@ -143,8 +143,8 @@ def _halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.n
     return X[kept], (volume * np.where(apart > near, 2.0, 1.0))[kept]
 
 
-def _cells(
-    fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int]
+def quadrature_cells(
+    fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int] = ()
 ) -> list[np.ndarray]:
     """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
     found = []

@@ -1,0 +1,164 @@
+"""The whole of a diagnosis: read, name, add, verify."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.prepare import read
+from form_drake.diagnose.verdict import Naming, Verdict, named
+from form_drake.diagnose.verify import Channel, Check
+from form_drake.effects import Effect
+from form_drake.laws import Law
+from form_drake.material import Material
+from form_drake.records import Recording
+
+WORSE = 1.05  # times the error before, which makes a held-out channel worse
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        naming: passes of scoring and adding.
+        without: law and values that fit best without any effect.
+        channels: errors on held-out motions; empty: there are none, or nothing was added.
+        density: of the specimen [kg/m^3].
+        simulated: the held-out scenes, without and with the effects.
+        measured: the held-out recordings.
+    """
+
+    naming: Naming
+    without: Model
+    channels: tuple[Channel, ...]
+    density: float
+    simulated: tuple[tuple[Recording, ...], tuple[Recording, ...]] = ((), ())
+    measured: tuple[Recording, ...] = ()
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """That of the naming, unless held-out motion does not improve."""
+        counting = [c for c in self.channels if c.counts]
+        worse = any(c.after > WORSE * max(c.before, c.floor) for c in self.channels)
+        helped = not counting or max(c.closure for c in counting) > 0.0
+        if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
+            return "unnamed"
+        return self.naming.verdict
+
+    @property
+    def material(self) -> Material:
+        """With the effects, as they would be written."""
+        return self.naming.model.material(self.density)
+
+    def sentence(self) -> str:
+        """The verdict in words."""
+        causes = self.naming.model.causes
+        told = "; ".join(
+            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} ± {c.std:.1g} {c.effect.unit})"
+            for c in causes
+        )
+        if self.verdict == "none":
+            return "Nothing is missing: what is left is noise."
+        if self.verdict == "unnamed":
+            tried = f" The nearest, {told}, does not explain it." if told else ""
+            return f"Something is missing that is not in the catalogue.{tried}"
+        if self.verdict == "ambiguous":
+            rivals = sorted({r for p in self.naming.passes for r in p.rivals})
+            return f"Missing: {told}; these recordings would allow {', '.join(rivals)} as well."
+        return f"Missing: {told}."
+
+    def to_json(self) -> dict[str, Any]:
+        """``discrepancy.json``."""
+        passes = self.naming.passes
+        effects = []
+        for n, cause in enumerate(self.naming.model.causes):
+            effects.append(
+                {
+                    "name": cause.effect.id,
+                    "class": sorted({cause.effect.id, *passes[n].alike}),
+                    "coefficient": cause.coefficient,
+                    "std": cause.std,
+                    "unit": cause.effect.unit,
+                    "where": dict(cause.shape),
+                }
+            )
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence(),
+            "effects": effects,
+            "values": dict(self.naming.model.values),
+            "without": dict(self.without.values),
+            "passes": [
+                {
+                    "residual": float(p.match.left @ p.match.left / len(p.match.left)),
+                    "scores": {s.effect.id: s.score for s in p.ranked},
+                    "limits": {s.effect.id: s.limit for s in p.ranked},
+                    "rivals": list(p.rivals),
+                }
+                for p in passes
+            ],
+            "gap": [
+                {
+                    "channel": c.name,
+                    "unit": c.unit,
+                    "before": c.before,
+                    "after": c.after,
+                    "floor": c.floor,
+                    "grid": c.grid,
+                    "closure": c.closure if c.counts else None,
+                }
+                for c in self.channels
+            ],
+        }
+
+
+def diagnosed(
+    recordings: Sequence[Recording],
+    law: Law,
+    *,
+    effects: Sequence[Effect],
+    thresholds: Mapping[str, float],
+    start: Model | None = None,
+    holdout: Sequence[Recording] = (),
+    dx: float | None = None,
+    device: str = "cpu",
+    progress: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """Find what a simulation of some recordings is missing.
+
+    Args:
+        recordings: of one specimen; the first sets the scale of its moduli by its force.
+        law: of the specimen.
+        effects: a catalogue.
+        thresholds: scores by effect's id that nothing missing may reach.
+        start: law and values to begin with; None: identified.
+        holdout: recordings on which what is found is verified.
+        dx: grid spacing of the twin [m]; None: chosen, see ``Scenes``.
+        device: Warp device.
+        progress: hears what is done.
+
+    Raises:
+        ValueError: recordings without force, or that do not state what is needed.
+    """
+    if not any(r.forces for r in recordings):
+        raise ValueError(
+            "no recording holds a force: the scale of the moduli cannot be told; add"
+            " forces={tool: Stream(...)} to one of them"
+        )
+    scenes = Scenes.of(tuple(recordings), dx, device)
+    progress("reading the tracks")
+    problem, found = read(scenes, law, {})
+    naming = named(problem, scenes, start or found, effects, thresholds, progress)
+    without = replace(naming.passes[0].match.model, causes=())
+    density = problem.probes[0].body.density
+    if not holdout or not naming.model.causes:
+        return Diagnosis(naming, without, (), density)
+    progress("predicting the held-out motion")
+    unseen = Scenes.of(tuple(holdout), dx, device)
+    check = Check.of(unseen, without)
+    after = tuple(unseen.rolled(naming.model))
+    channels = tuple(check.channels(after))
+    simulated = (check.coarse, after)
+    return Diagnosis(naming, without, channels, density, simulated, tuple(holdout))

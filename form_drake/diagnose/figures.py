@@ -1,0 +1,116 @@
+"""Figures of a diagnosis; matplotlib is imported where it is used."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.score import Score
+from form_drake.diagnose.verify import Channel
+from form_drake.records import Recording
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def ranking(found: Sequence[Score], thresholds: Mapping[str, float], least: float) -> Any:
+    """Scores as bars, and the band in which nothing missing may lie."""
+    figure = _figure(8, 0.28 * len(found) + 1.0)
+    axes = figure.add_subplot()
+    names = [s.effect.id for s in found][::-1]
+    limits = [max(thresholds.get(n, 0.0), least) for n in names]
+    values = [max(s.score, 0.5) for s in found][::-1]
+    colours = ["tab:red" if v > w else "tab:blue" for v, w in zip(values, limits, strict=True)]
+    axes.barh(names, limits, color="0.88", height=0.9, label="where nothing is missing")
+    axes.barh(names, values, color=colours, height=0.5)
+    axes.set_xscale("log")
+    axes.set_xlim(0.5, None)
+    axes.set_xlabel("score")
+    axes.legend(loc="lower right", frameon=False)
+    return figure
+
+
+def where(match: Match) -> Any:
+    """What is left of every test field over time, in standard deviations, probe by probe."""
+    probes = match.problem.probes
+    figure = _figure(5.5 * len(probes), 4.0)
+    ends = np.cumsum([0, *(int(p.keep.sum()) for p in probes)])
+    parts = [match.left[a:z] for a, z in pairwise(ends)]
+    top = max(float(np.abs(match.left).max()), 1.0)
+    for n, (probe, left) in enumerate(zip(probes, parts, strict=True)):
+        shown = np.full(probe.keep.shape, np.nan)
+        shown[probe.keep] = left
+        axes = figure.add_subplot(1, len(probes), n + 1)
+        time = probe.windows.ends.mean(axis=1)
+        image = axes.pcolormesh(
+            time,
+            np.arange(shown.size // len(time)),
+            shown.reshape(len(time), -1).T,
+            cmap="RdBu",
+            vmin=-top,
+            vmax=top,
+            shading="nearest",
+        )
+        axes.set_title(probe.name)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("test field")
+    figure.colorbar(image, ax=figure.axes, label="left over [standard deviations]")
+    return figure
+
+
+def gaps(channels: Sequence[Channel]) -> Any:
+    """Errors on held-out motion before and after, and the floor, in units of the error before."""
+    figure = _figure(8, 0.5 * len(channels) + 1.2)
+    axes = figure.add_subplot()
+    at = np.arange(len(channels))
+    for shift, name, colour in ((0.2, "before", "0.6"), (-0.2, "after", "tab:green")):
+        axes.barh(
+            at + shift,
+            [getattr(c, name) / c.before for c in channels],
+            0.36,
+            color=colour,
+            label=name,
+        )
+    for n, c in zip(at, channels, strict=True):
+        axes.plot([c.floor / c.before] * 2, [n - 0.4, n + 0.4], "k--", lw=1)
+    axes.set_yticks(at, [c.name for c in channels])
+    axes.set_xlabel("error as a share of that before (dashed: noise)")
+    axes.legend(frameon=False)
+    return figure
+
+
+def overlay(seen: Recording, before: Recording, after: Recording) -> Any:
+    """Measured and predicted force and mean motion of a held-out recording."""
+    tools = list(seen.forces)
+    figure = _figure(9, 2.6 * (len(tools) + 1))
+    rows = [
+        (
+            f"force on {t} [N]",
+            [
+                (r.forces[t].time, np.asarray(r.forces[t].value)[:, 2])
+                for r in (seen, before, after)
+            ],
+        )
+        for t in tools
+    ]
+    moved = [np.linalg.norm(r.p_WQ - seen.p_WQ, axis=2) for r in (before, after)]
+    for n, (label, curves) in enumerate(rows):
+        axes = figure.add_subplot(len(rows) + 1, 1, n + 1)
+        for (time, value), name, style in zip(
+            curves, ("measured", "before", "after"), ("k.", "-", "-"), strict=True
+        ):
+            axes.plot(time - seen.time[0], value, style, ms=2, label=name)
+        axes.set_ylabel(label)
+        axes.legend(frameon=False)
+    axes = figure.add_subplot(len(rows) + 1, 1, len(rows) + 1)
+    for error, name in zip(moved, ("before", "after"), strict=True):
+        axes.plot(seen.time - seen.time[0], 1e3 * np.sqrt(np.nanmean(error**2, axis=1)), label=name)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("distance of tracks, rms [mm]")
+    axes.legend(frameon=False)
+    return figure

@@ -1,0 +1,128 @@
+"""What is believed of a specimen, and the recordings that it would give."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from form_drake.effects import Effect, Shape, World
+from form_drake.laws import ADDITIONS, Law, Values
+from form_drake.material import Acting, Material
+from form_drake.motion import body
+from form_drake.mpm.stage import Stage
+from form_drake.records import Recording
+
+CELLS = 8  # of the grid along the least edge of a body
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that acts.
+
+    Attributes:
+        effect: of a catalogue.
+        coefficient: in its unit.
+        shape: values of its shape parameters.
+        std: of the coefficient.
+    """
+
+    effect: Effect
+    coefficient: float
+    shape: Shape
+    std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Model:
+    """A law with its values, and the effects that act beside it."""
+
+    law: Law
+    values: Values
+    causes: tuple[Cause, ...] = ()
+
+    @classmethod
+    def of(cls, material: Material, effects: Mapping[str, Effect]) -> "Model":
+        """Of a material's file, with a catalogue of effects by id.
+
+        Raises:
+            ValueError: an effect that the catalogue does not have, or shape parameters that are
+                not its own.
+        """
+        causes = []
+        for one in material.effects:
+            if one.id not in effects:
+                raise ValueError(f"effect {one.id!r}: choose from {', '.join(effects)}")
+            effect = effects[one.id]
+            if set(one.shape) != set(effect.shapes):
+                raise ValueError(
+                    f"effect {one.id}: shape {sorted(one.shape)} is given,"
+                    f" {sorted(effect.shapes) or 'none'} is wanted"
+                )
+            causes.append(Cause(effect, one.coefficient, one.shape, one.std or 0.0))
+        return cls(material.law, material.values, tuple(causes))
+
+    def material(self, density: float) -> Material:
+        """For a file: additions to the law become part of it, the other effects stand beside it."""
+        law, values, beside = self.law, dict(self.values), []
+        for cause in self.causes:
+            if cause.effect.id in ADDITIONS and cause.effect.world is not None:
+                plain = World(law, values, density, np.zeros(3))
+                world = cause.effect.world(plain, cause.coefficient, cause.shape)
+                law, values = world.law, dict(world.values)
+            else:
+                beside.append(Acting(cause.effect.id, cause.coefficient, cause.shape, cause.std))
+        return Material(law, values, density, effects=tuple(beside))
+
+    def moved(self, values: Mapping[str, float], coefficients: list[float]) -> "Model":
+        """The same with other values and coefficients."""
+        pairs = zip(self.causes, coefficients, strict=True)
+        causes = tuple(replace(c, coefficient=size) for c, size in pairs)
+        return replace(self, values=dict(values), causes=causes)
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """The scenes of some recordings, simulated with a model.
+
+    Attributes:
+        recordings: of blocks, see ``form_drake.mpm.stage.Stage``.
+        dx: grid spacing in each [m].
+        device: Warp device.
+    """
+
+    recordings: tuple[Recording, ...]
+    dx: tuple[float, ...]
+    device: str = "cpu"
+
+    @classmethod
+    def of(
+        cls, recordings: tuple[Recording, ...], dx: float | None = None, device: str = "cpu"
+    ) -> "Scenes":
+        """With a spacing [m], or ``CELLS`` cells along the least edge of each body."""
+        shapes = [body(r) for r in recordings]
+        own = tuple(dx or float((s.high - s.low).min()) / CELLS for s in shapes)
+        return cls(recordings, own, device)
+
+    def finer(self, factor: float) -> "Scenes":
+        return replace(self, dx=tuple(dx / factor for dx in self.dx))
+
+    def rolled(self, model: Model) -> list[Recording]:
+        """What the sensors would record.
+
+        Raises:
+            ValueError: a recording does not state what is needed, or a simulation fails.
+        """
+        return [self._rolled(r, dx, model) for r, dx in zip(self.recordings, self.dx, strict=True)]
+
+    def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
+        stage = Stage(recording, dx, device=self.device)
+        density = body(recording).density
+        world = stage.world(Material(model.law, dict(model.values), density))
+        for cause in model.causes:
+            if cause.effect.world is not None:
+                world = cause.effect.world(world, cause.coefficient, cause.shape)
+        made = stage.rolled(world)
+        for cause in model.causes:
+            if cause.effect.sensor is not None:
+                made = cause.effect.sensor(made, cause.coefficient, cause.shape)
+        return made

@@ -1,0 +1,55 @@
+"""Recordings of one specimen read for a diagnosis: which test fields and windows, and a first model."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.identify.problem import Problem
+from form_drake.identify.weak import weighing
+from form_drake.laws import Law
+from form_drake.motion import body, fit_tracks
+from form_drake.records import Recording
+from form_drake.weak.fields import BoxFields
+from form_drake.weak.probe import Probe
+from form_drake.weak.ready import prepared
+from form_drake.weak.unknowns import Unknowns
+from form_drake.weak.windows import even
+
+WINDOW = 0.2  # [s]
+STRIDE = 0.5  # of windows, as a share of their width
+SPANS = 2  # of the fields along each axis, one more for each held face
+CLEAR = 1.0  # of the grid spacing, kept from held faces
+
+
+def fields(recording: Recording, dx: float) -> BoxFields:
+    """Test fields that keep clear of the layers at held faces, in which simulations err most."""
+    shape = body(recording)
+    held = np.zeros(3, dtype=int)
+    for face in shape.faces:
+        held[face.axis] += face.condition in ("bonded", "frictionless")
+    spans = tuple((SPANS + held).tolist())
+    tools = frozenset(recording.forces)
+    return BoxFields.of(shape, tools, spans, clear=CLEAR * dx)
+
+
+def probe(recording: Recording, name: str, dx: float) -> Probe:
+    """A recording read with these fields; no symmetry is taken, since an effect may break it."""
+    shape = body(recording)
+    last = float(recording.time[-1] - recording.time[0])
+    width = min(WINDOW, last)
+    ends = even(0.0, last, width, STRIDE * width)
+    fit = fit_tracks(recording, shape, symmetric=False)
+    return prepared(recording, name, [fields(recording, dx)], ends, shape, fit)
+
+
+def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem, Model]:
+    """The problem of all recordings, and what it says of the law without a twin."""
+    pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
+    probes = [probe(recording, f"probe {n}", dx) for n, (recording, dx) in pairs]
+    problem = Problem.of(probes, Unknowns.of(law, known, "law"), "borne")
+    found = weighing(problem)
+    theta = problem.unknowns.theta(found.solution.theta)
+    values = {**known, **problem.values(found.eta)}
+    terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}
+    return problem, Model(law, {**values, **terms})

@@ -1,0 +1,120 @@
+"""Smoothing of fitted fields by the evidence of the data, and the covariance that it leaves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.motion.knots import modes
+
+FLAT = 1e-9  # of the largest roughness, below which a function has none
+FACTORS = 200  # of smoothing that are compared
+# times the likely variance that a mode is granted: what smoothing costs must stay below the noise
+UNDER = 10.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """An independent part of the error of a fit, mix (scale z) time_root^T with z white, in the
+    functions of ``Fit.roots``.
+
+    Attributes:
+        scale: shape [parts, moments or 1].
+        time_root: [m], shape [time.size, moments].
+        mix: shape [space.size, parts]; None: every function is a part.
+    """
+
+    scale: np.ndarray
+    time_root: np.ndarray
+    mix: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """What smoothing keeps of coefficients of white noise, which the data have chosen.
+
+    Attributes:
+        modes: orthonormal series of the modes that stand out, shape [moments, modes].
+        own: share that is kept of every function in a mode, shape [modes, functions].
+        rest: the same in all other series, shape [functions].
+    """
+
+    modes: np.ndarray
+    own: np.ndarray
+    rest: np.ndarray
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        """Smoothed coefficients, shape of z [moments, functions]."""
+        along = self.modes.T @ z
+        return np.asarray(self.modes @ (self.own * along) + self.rest * (z - self.modes @ along))
+
+    def spread(self, told: np.ndarray) -> tuple[Spread, ...]:
+        """Of what white noise becomes; ``told`` is its variance, shape [functions]."""
+        size = np.sqrt(told)
+        others = np.eye(len(self.modes)) - self.modes @ self.modes.T
+        return (
+            Spread((size * self.rest)[:, None], others),
+            Spread((size * self.own).T, self.modes),
+        )
+
+
+def smoothing_of(
+    z: np.ndarray, roughness: np.ndarray, told: np.ndarray, noise: float
+) -> tuple[Smoothing, tuple[Spread, ...]]:
+    """Smoothing of coefficients of white noise: each mode by itself, and the rest together.
+
+    What noise does to a mode is, to first order, what it adds to the field at the mode's series and
+    to the series at the mode's field.
+
+    Args:
+        z: shape [moments, functions].
+        roughness: shape [functions].
+        told: variance of each coefficient per square of the noise, at most 1, shape [functions].
+        noise: standard deviation of a coefficient that the data tell [m].
+
+    Returns:
+        The smoothing, and the error of the coefficients per unit noise by moments: the share that is
+        kept of a function is its variance too.
+    """
+    U, S, Vt = modes(z, noise)
+    weak = z - (U * S) @ Vt
+    count = len(z) - len(S)
+    rest = np.ones(len(roughness))
+    if count > 0:
+        rest = _share(np.sum(weak**2, axis=0) / count, roughness, noise)
+    shares, scales, mix = [], [], []
+    for size, mode in zip(S, Vt, strict=True):
+        own = _share((size * mode) ** 2, roughness, noise)
+        own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
+        shares.append(own)
+        scales.append(np.sqrt(told * (own - rest)))
+        mix.append(np.sqrt((own - rest) * (told @ mode**2)) * mode)
+    others = np.eye(len(z)) - U @ U.T
+    own = np.array(shares).reshape(len(S), len(roughness))
+    return Smoothing(U, own, rest), (
+        Spread(np.sqrt(told * rest)[:, None], np.eye(len(z))),
+        Spread(np.array(scales).reshape(own.shape).T, U),
+        Spread(np.ones((len(mix), 1)), others, np.array(mix).reshape(own.shape).T),
+    )
+
+
+def _share(power: np.ndarray, roughness: np.ndarray, noise: float) -> np.ndarray:
+    """Share of each function that is likely not noise, where its variance goes by 1 / roughness.
+
+    The factor is the most likely one (evidence); functions without roughness are kept.
+
+    Args:
+        power: mean square of the coefficients [m^2], noise included, shape [functions].
+        roughness: shape [functions].
+        noise: standard deviation of a coefficient [m].
+    """
+    found = np.ones(len(roughness))
+    rough = roughness > FLAT * roughness.max()
+    k = roughness[rough]
+    if noise <= 0.0 or not len(k):
+        return found
+    top = max(float(power.max()), noise**2)
+    factors = np.geomspace(1e-6 * noise**2 * k.min(), 1e3 * top * k.max(), FACTORS)
+    variance = noise**2 + factors[:, None] / k
+    cost = np.sum(np.log(variance) + power[rough] / variance, axis=1)
+    found[rough] = 1.0 - noise**2 / variance[int(np.argmin(cost))]
+    return found

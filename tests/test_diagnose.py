@@ -1,0 +1,208 @@
+"""The whole of a diagnosis: the hidden effect is named, added, and held-out motion gains by it.
+
+Data and twin come from one solver here; other tests have data that no solver of ours made.
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from form_drake.__main__ import main
+from form_drake.diagnose import Cause, Model, Scenes
+from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.material import Material, read_material
+from form_drake.mpm.tracing import between
+from form_drake.records import Recording, Stream, write_recording
+
+DX, NOISE = 0.004, 5e-6
+LAW, TRUTH = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
+DELAY = 4e-3
+
+
+def probe(seconds, stroke, beat):
+    """A block under a bonded plate that presses, and goes back."""
+    low, size = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
+    X = low + size * np.random.default_rng(0).uniform(0.04, 0.96, (120, 3))
+    t = np.linspace(0.0, seconds, round(150 * seconds) + 1)
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, 2, 3] = 0.02 - stroke * np.sin(np.pi * t / seconds) ** 2 - 2e-4 * np.sin(beat * t)
+    return Recording.from_arrays(
+        t,
+        np.tile(X, (len(t), 1, 1)),
+        p_reference=X,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
+        poses={"plate": Stream(t, pose)},
+        forces={"plate": Stream(t, np.zeros((len(t), 3)))},
+        law=LAW.name,
+    )
+
+
+def noisy(made, seed):
+    rng = np.random.default_rng(seed)
+    force = made.forces["plate"]
+    size = 0.005 * np.abs(force.value).max()
+    value = force.value + size * rng.standard_normal(force.value.shape)
+    return replace(
+        made,
+        p_WQ=made.p_WQ + NOISE * rng.standard_normal(made.p_WQ.shape),
+        noise=NOISE,
+        forces={"plate": Stream(force.time, value, noise=size)},
+    )
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A press and a motion to hold back: what they are without an effect, and with late forces."""
+    folder = tmp_path_factory.mktemp("probes")
+    plain = (probe(0.4, 1.6e-3, 50.0), probe(0.3, 1.2e-3, 70.0))
+    cause = Cause(CATALOGUE["force-delay"], DELAY, {})
+    for name, causes in (("plain", ()), ("late", (cause,))):
+        made = Scenes.of(plain, DX).rolled(Model(LAW, TRUTH, causes))
+        for n, one in enumerate(made):
+            write_recording(noisy(one, n), folder / f"{name}{n}.h5")
+    return folder
+
+
+def diagnosed(files, capsys, name, *more):
+    out = files / f"report-{name}"
+    said = main(
+        [
+            "diagnose",
+            str(files / f"{name}0.h5"),
+            "--dx",
+            str(DX),
+            "--out",
+            str(out),
+            "--json",
+            *more,
+        ]
+    )
+    assert said == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == {
+        k: v
+        for k, v in json.loads((out / "discrepancy.json").read_text()).items()
+        if k != "form_drake"
+    }
+    return found, out
+
+
+def test_nothing_is_named_where_nothing_is_missing(files, capsys):
+    found, out = diagnosed(files, capsys, "plain")
+    assert found["verdict"] == "none" and found["effects"] == [] and found["gap"] == []
+    for key, true in TRUTH.items():
+        assert found["values"][key] == pytest.approx(true, rel=0.03)
+    assert read_material(out / "material.yaml").effects == ()
+
+
+def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
+    found, out = diagnosed(files, capsys, "late", "--holdout", str(files / "late1.h5"))
+    assert found["verdict"] == "named" and found["sentence"].startswith(
+        "Missing: force and pictures"
+    )
+    (effect,) = found["effects"]
+    assert effect["name"] == "force-delay" and effect["unit"] == "s"
+    assert effect["coefficient"] == pytest.approx(DELAY, abs=3.0 * effect["std"])
+    gap = {g["channel"]: g for g in found["gap"]}
+    force = gap["force of plate 1"]
+    assert force["closure"] > 0.95 and force["after"] < 1.2 * force["floor"]
+    assert gap["tracks 1"]["closure"] is None  # late forces move no track
+    page = (out / "report.html").read_text()
+    assert "force-delay stands out" in page and "Not verified" in page
+
+    written = str(out / "material.yaml")
+    said = main(
+        ["predict", written, str(files / "late1.h5"), "--json", "--out", str(files / "p.h5")]
+    )
+    assert said == 0
+    with_it = json.loads(capsys.readouterr().out)["force_rms_plate"]
+    assert with_it < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["plain0.h5", "--holdout", "plain0.h5"], "the same motion as"),
+        (["none.h5"], "no such file"),
+        (["silent.h5"], "no recording holds a force"),
+        (["plain0.h5", "--dx", "0"], "--dx 0"),
+        (["plain0.h5", "--effects", "empty.py"], "declares no effect"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
+    monkeypatch.chdir(files)
+    (files / "empty.py").write_text("a = 1\n")
+    write_recording(replace(probe(0.4, 0.0, 0.0), forces={}), files / "silent.h5")
+    assert main(["diagnose", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert told in err and err.strip().count("\n") == 0
+    assert not (files / "runs").exists()
+
+
+def test_effects_of_a_material_are_read_as_they_are_written(tmp_path):
+    shape = {"x": 1e-3, "y": 0.0, "z": 0.01, "radius": 4e-3}
+    causes = (
+        Cause(CATALOGUE["damping"], 3.0, {}, 0.1),
+        Cause(CATALOGUE["inclusion"], 0.5, shape, 0.02),
+    )
+    Model(LAW, TRUTH, causes).material(1000.0).write(tmp_path / "m.yaml")
+    material = read_material(tmp_path / "m.yaml")
+    assert material.law.name == "fixed-corotated+damping" and material.values["eta"] == 3.0
+    model = Model.of(material, CATALOGUE)
+    (cause,) = model.causes
+    assert cause.effect is CATALOGUE["inclusion"] and cause.coefficient == 0.5
+    assert dict(cause.shape) == shape and cause.std == 0.02
+    text = (tmp_path / "m.yaml").read_text()
+    for wrong, told in (
+        ("id: nonsense", "effect 'nonsense'"),
+        ("id: drag", "shape"),
+    ):
+        (tmp_path / "w.yaml").write_text(text.replace("id: inclusion", wrong))
+        with pytest.raises(ValueError, match=told):
+            Model.of(read_material(tmp_path / "w.yaml"), CATALOGUE)
+    (tmp_path / "w.yaml").write_text(text.replace("coefficient: 0.5", "coefficient: .nan"))
+    with pytest.raises(ValueError, match="coefficient"):
+        read_material(tmp_path / "w.yaml")
+
+
+def test_points_between_particles_follow_quadratic_motion():
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(*3 * [np.arange(8) / 8.0]), axis=-1).reshape(-1, 3)
+    X, H = rng.uniform(0.0, 0.875, (50, 3)), rng.standard_normal((3, 3, 3))
+
+    def u(x):
+        return 0.3 + x @ H[0] + np.einsum("pi,pj,ijk->pk", x, x, H)
+
+    assert np.allclose(between(X, grid) @ u(grid), u(X), atol=1e-12)
+
+
+def test_a_tied_block_goes_where_its_plates_go():
+    """A plate that moves through rows of nodes, down and aside, takes the material along."""
+    still = probe(0.3, 0.0, 0.0)
+    pose = still.poses["plate"].value.copy()
+    share = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, len(pose))) ** 2
+    pose[:, 2, 3] -= 3e-3 * share
+    pose[:, 0, 3] += 2e-3 * share
+    moved = replace(still, poses={"plate": Stream(still.time, pose)}, p_reference=still.reference)
+    (made,) = Scenes.of((moved,), DX).rolled(Model(LAW, TRUTH))
+    u, X = made.p_WQ[-1] - made.reference, made.reference
+    top, low = X[:, 2] > 0.0185, X[:, 2] < 0.0015
+    assert np.allclose(u[top][:, [0, 2]], [2e-3, -3e-3], atol=5e-4)
+    assert np.allclose(u[low], 0.0, atol=5e-4)
+
+
+def test_a_material_with_effects_is_not_predicted_without_them(tmp_path, capsys):
+    thrown = Recording.from_arrays(np.linspace(0.0, 1.0, 5), np.zeros((5, 8, 3)))
+    write_recording(thrown, tmp_path / "r.h5")
+    Model(LAW, TRUTH, (Cause(CATALOGUE["drag"], 2.0, {}),)).material(1000.0).write(
+        tmp_path / "m.yaml"
+    )
+    assert main(["predict", str(tmp_path / "m.yaml"), str(tmp_path / "r.h5")]) == 2
+    assert "has effects (drag)" in capsys.readouterr().err
+    assert isinstance(read_material(tmp_path / "m.yaml"), Material)
