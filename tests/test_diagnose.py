@@ -171,6 +171,39 @@ def test_effects_of_a_material_are_read_as_they_are_written(tmp_path):
         read_material(tmp_path / "w.yaml")
 
 
+OWN = """
+import numpy as np
+from dataclasses import replace
+from form_drake.effects import Effect
+
+buoyancy = Effect(
+    id="buoyancy",
+    sentence="what surrounds the body carries a share of its weight",
+    unit="-",
+    prior=(0.01, 1.0),
+    column=lambda reading, shape: reading.load(np.broadcast_to(-reading.gravity, reading.v.shape)),
+    world=lambda scene, size, shape: replace(scene, gravity=scene.gravity * (1.0 - size)),
+)
+"""
+
+
+def test_an_effect_of_ones_own_is_predicted(files, capsys):
+    (files / "own.py").write_text(OWN)
+    text = "effects:\n- {id: buoyancy, coefficient: 0.9}\n"
+    Model(LAW, TRUTH).material(1000.0).write(files / "plain.yaml")
+    (files / "light.yaml").write_text((files / "plain.yaml").read_text() + text)
+    predict = ["predict", str(files / "light.yaml"), str(files / "plain1.h5"), "--json"]
+    assert main([*predict, "--out", str(files / "q.h5")]) == 2
+    assert "choose from" in capsys.readouterr().err
+    assert main([*predict, "--effects", str(files / "own.py"), "--out", str(files / "q.h5")]) == 0
+    light = json.loads(capsys.readouterr().out)["force_rms_plate"]
+    assert (
+        main(["predict", str(files / "plain.yaml"), *predict[2:], "--out", str(files / "q.h5")])
+        == 0
+    )
+    assert json.loads(capsys.readouterr().out)["force_rms_plate"] < 0.5 * light
+
+
 def test_points_between_particles_follow_quadratic_motion():
     rng = np.random.default_rng(0)
     grid = np.stack(np.meshgrid(*3 * [np.arange(8) / 8.0]), axis=-1).reshape(-1, 3)

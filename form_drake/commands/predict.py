@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
-from form_drake.effects import CATALOGUE
+from form_drake.effects import CATALOGUE, load
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
@@ -60,6 +60,8 @@ class Predict:
     """Changes of the material; E and nu may stand for mu and lam."""
     initial_velocity: Annotated[str | None, tyro.conf.arg(metavar=",".join(TWIST))] = None
     """Rigid initial motion about the centroid [m/s, rad/s]; default: the recorded velocities."""
+    effects: Path | None = None
+    """Python file with effects of your own that the material names; it is executed."""
     scenario: str | None = None
     """Scenario of a probe; default: scenario.yaml beside the recording."""
     drive: Literal["pose", "force"] = "pose"
@@ -110,7 +112,8 @@ class Predict:
     ) -> tuple[Recording, dict[str, Any], str]:
         if self.drive != "pose":
             raise ValueError(f"--drive {self.drive}: without a scenario, poses drive the tools")
-        model = Model.of(material, CATALOGUE)
+        own = load(self.effects, CATALOGUE) if self.effects else {}
+        model = Model.of(material, CATALOGUE | own)
         (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
         apart = predicted.p_WQ - recording.p_WQ
         errors = {"shape_rms": float(np.sqrt(np.nanmean(np.sum(apart**2, axis=2))))}

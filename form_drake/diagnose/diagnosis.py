@@ -149,7 +149,8 @@ def diagnosed(
         )
     scenes = Scenes.of(tuple(recordings), dx, device)
     progress("reading the tracks")
-    problem, found = read(scenes, law, {})
+    given = {k: start.values[k] for k in law.constants("given")} if start else {}
+    problem, found = read(scenes, law, given)
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
     without = replace(naming.passes[0].match.model, causes=())
     density = problem.probes[0].body.density

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, overlay, ranking, where
+from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
 
@@ -71,5 +72,5 @@ def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path
     page.write(path)
 
 
-def _added(best: object) -> str:
-    return "nothing stands out" if best is None else f"{best.effect.id} stands out"  # type: ignore[attr-defined]
+def _added(best: Score | None) -> str:
+    return "nothing stands out" if best is None else f"{best.effect.id} stands out"

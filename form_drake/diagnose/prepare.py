@@ -6,6 +6,7 @@ import numpy as np
 
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.identify.problem import Problem
+from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.motion import body, fit_tracks
@@ -44,7 +45,13 @@ def probe(recording: Recording, name: str, dx: float) -> Probe:
 
 
 def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem, Model]:
-    """The problem of all recordings, and what it says of the law without a twin."""
+    """The problem of all recordings, and what it says of the law without a twin.
+
+    Raises:
+        ValueError: constants of the law that must be given are not, or a recording lacks what the
+            balance needs.
+    """
+    require_given(law.name, [k for k in law.constants("given") if k not in known])
     pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
     probes = [probe(recording, f"probe {n}", dx) for n, (recording, dx) in pairs]
     problem = Problem.of(probes, Unknowns.of(law, known, "law"), "borne")
