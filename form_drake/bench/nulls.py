@@ -1,23 +1,27 @@
 """Scores where nothing is missing: what thresholds of a diagnosis stand on.
 
-Data come from a grid that is finer than the twin's, so that what discretisation costs is in them.
-Noise is drawn several times on each, and the rows are assembled again.
+Data come from a grid that is finer than the twin's, and from finite elements of an independent
+code, so that what discretisation costs is in them. Noise is drawn several times on each, and the rows
+are assembled again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from form_drake.bench.cases import fingerprint, run_cases
+from form_drake.bench.oracles import recorded, run
 from form_drake.diagnose.match import matched
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.score import scores
 from form_drake.diagnose.verify import FINER
 from form_drake.effects import CATALOGUE
+from form_drake.files import read_mapping
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
 
@@ -28,7 +32,9 @@ POINTS, RATE, STAMPS = 330, 60.0, 240.0  # tracks; frames and force samples per 
 NOISE, FORCE_NOISE = 5e-5, 0.01  # [m]; of the largest force
 DEPTH, PRELOAD = 0.075, 0.007  # of the height
 PRESS = ((0.15, 0.0), (0.9, 0.85), (1.15, 0.85), (1.4, 0.4), (1.55, 1.0), (1.8, 1.0), (2.7, 0.1))
+SEEDS = (1, 2, 3)  # of the independent code
 DRAWS = 16
+LAW = LAWS["neo-hookean"]
 
 
 def _way(knots: tuple[tuple[float, float], ...], time: np.ndarray) -> np.ndarray:
@@ -103,17 +109,35 @@ def noisy(recording: Recording, rng: np.random.Generator) -> Recording:
     return replace(recording, p_WQ=p_WQ, noise=NOISE, forces=streams)
 
 
-def _case(E: float, nu: float, plate: str, draws: int) -> dict[str, Any]:
-    law = LAWS["neo-hookean"]
-    truth = {"C10": E / (4.0 * (1.0 + nu)), "kappa": E / (3.0 * (1.0 - 2.0 * nu))}
-    plain = (press(plate), shake())
-    made = Scenes.of(plain).finer(FINER).rolled(Model(law, truth))
+def _finer(E: float, nu: float, plate: str, draws: int) -> dict[str, Any]:
+    """On a specimen of our own solver."""
+    scenes = Scenes.of((press(plate), shake())).finer(FINER)
+    return _case(scenes.rolled(Model(LAW, _truth(E, nu))), _truth(E, nu), draws)
+
+
+def _independent(seed: int, draws: int) -> dict[str, Any]:
+    """On a specimen of an independent code."""
+    with TemporaryDirectory() as name:
+        key, cases = Path(name) / "key.json", Path(name) / "cases"
+        run(
+            "hidden_effects.py", "--kind", "null", "--seed", str(seed), "--out", cases, "--key", key
+        )
+        ((case, told),) = read_mapping(key).items()
+        made = [recorded(cases / case / probe) for probe in ("press", "shake")]
+    return _case(made, _truth(told["body"]["E"], told["body"]["nu"]), draws)
+
+
+def _truth(E: float, nu: float) -> dict[str, float]:
+    return {"C10": E / (4.0 * (1.0 + nu)), "kappa": E / (3.0 * (1.0 - 2.0 * nu))}
+
+
+def _case(made: Sequence[Recording], truth: dict[str, float], draws: int) -> dict[str, Any]:
     largest: dict[str, float] = {}
     start, errors = None, []
     for seed in range(draws):
         rng = np.random.default_rng(seed)
         scenes = Scenes.of(tuple(noisy(r, rng) for r in made))
-        problem, found = read(scenes, law, {})
+        problem, found = read(scenes, LAW, {})
         match = matched(problem, scenes, start or found)
         start = match.model
         errors.append([start.values[k] / truth[k] - 1.0 for k in truth])
@@ -126,11 +150,15 @@ def _case(E: float, nu: float, plate: str, draws: int) -> dict[str, Any]:
 def run_nulls(*, draws: int, store: Path, only: tuple[str, ...] = ()) -> dict[str, Any]:
     """The bench."""
     cases = {
-        f"null/{plate}/E{E / 1e3:.0f}/draws{draws}": lambda E=E, nu=nu, plate=plate: _case(
+        f"null/{plate}/E{E / 1e3:.0f}/draws{draws}": lambda E=E, nu=nu, plate=plate: _finer(
             E, nu, plate, draws
         )
         for plate in PLATES
         for E, nu in MATERIALS
+    }
+    cases |= {
+        f"null/elements/seed{seed}/draws{draws}": lambda seed=seed: _independent(seed, draws)
+        for seed in SEEDS
     }
     estimates = {name: 240.0 + 100.0 * draws for name in cases}
     results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)

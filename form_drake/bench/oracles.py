@@ -43,11 +43,7 @@ class Motions:
         Raises:
             ValueError: the package does not lie in a checkout of the project.
         """
-        if not (ORACLES / "exact_motion.py").is_file():
-            raise ValueError(
-                f"{ORACLES}: not there; bench weak-form runs the scripts of tests/oracles, which"
-                " only a checkout of the project holds"
-            )
+        _present("exact_motion.py")
         digest = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(ORACLES.glob("*.py"))))
         return cls(store / f"motions-{digest.hexdigest()[:12]}")
 
@@ -60,11 +56,7 @@ class Motions:
         path = self.folder / case
         if not Path(f"{path}.truth.json").is_file():
             name = "finite_elements.py" if case in FINITE else "exact_motion.py"
-            words = [sys.executable, ORACLES / name, case, "--seed", "0", "--out", self.folder]
-            done = subprocess.run(words, capture_output=True, text=True, check=False)
-            if done.returncode:
-                last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-                raise ValueError(f"{name} {case} failed: {last}")
+            run(name, case, "--seed", "0", "--out", self.folder)
         return path
 
     def recordings(self, cases: Sequence[str]) -> list[Recording]:
@@ -73,25 +65,60 @@ class Motions:
 
     def recording(self, case: str) -> Recording:
         """What a case's files and its set-up state."""
-        path = self.made(case)
-        with np.load(f"{path}.npz") as file:
-            a = dict(file)
-        facts = read_mapping(Path(f"{path}.json"))
-        if case in FINITE:
-            facts |= {"known": {"nu": FINITE[case]}}
-        if case.startswith("bend"):
-            pusher = Stream(a["pose_pusher_time"], a["pose_pusher_value"])
-            facts |= {**BENT, "poses": {"pusher": pusher}}
-        tools = [k[6:-5] for k in a if k.startswith("force_") and k.endswith("_time")]
-        forces = {t: Stream(a[f"force_{t}_time"], a[f"force_{t}_value"]) for t in tools}
-        stated = ("p_reference", "gravity", "body_force", "pressure")
-        arrays = {k: a[k] for k in stated if k in a}
-        more = {"density": float(a["density"]), "forces": forces, **facts}
-        return Recording.from_arrays(a["time"], a["p_WQ"], **arrays, **more)
+        found = recorded(self.made(case))
+        held = {"pusher"} if case.startswith("bend") else set()
+        poses = {tool: pose for tool, pose in found.poses.items() if tool in held}
+        known = {"known": {"nu": FINITE[case]}} if case in FINITE else {}
+        return replace(found, poses=poses, **known, **(BENT if held else {}))
 
     def truth(self, case: str) -> dict[str, float]:
         """True parameters."""
         return read_mapping(Path(f"{self.made(case)}.truth.json"))
+
+
+def recorded(path: Path) -> Recording:
+    """What the files of an oracle hold, from their path without its endings."""
+    with np.load(f"{path}.npz") as file:
+        a = dict(file)
+
+    def streams(kind: str) -> dict[str, Stream]:
+        tools = [
+            k[len(kind) + 1 : -5] for k in a if k.startswith(f"{kind}_") and k.endswith("_time")
+        ]
+        return {t: Stream(a[f"{kind}_{t}_time"], a[f"{kind}_{t}_value"]) for t in tools}
+
+    stated = ("p_reference", "gravity", "body_force", "pressure")
+    return Recording.from_arrays(
+        a["time"],
+        a["p_WQ"],
+        density=float(a["density"]),
+        forces=streams("force"),
+        poses=streams("pose"),
+        **{k: a[k] for k in stated if k in a},
+        **read_mapping(Path(f"{path}.json")),
+    )
+
+
+def _present(script: str) -> None:
+    if not (ORACLES / script).is_file():
+        raise ValueError(
+            f"{ORACLES}: not there; this bench runs the scripts of tests/oracles, which only a checkout"
+            " of the project holds"
+        )
+
+
+def run(script: str, *words: str | Path) -> None:
+    """Run an oracle.
+
+    Raises:
+        ValueError: it failed, or the package does not lie in a checkout of the project.
+    """
+    _present(script)
+    command = [sys.executable, ORACLES / script, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise ValueError(f"{script} {words[0]} failed: {last}")
 
 
 def relative_noise(recording: Recording, rng: np.random.Generator, *, level: float) -> Recording:

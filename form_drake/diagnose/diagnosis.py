@@ -1,7 +1,7 @@
 """The whole of a diagnosis: read, name, add, verify."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ class Diagnosis:
 
     Attributes:
         naming: passes of scoring and adding.
-        without: law and values that fit best without any effect.
+        without: what fits best with nothing added.
         channels: errors on held-out motions; empty: there are none, or nothing was added.
         density: of the specimen [kg/m^3].
         simulated: the held-out scenes, without and with the effects.
@@ -54,10 +54,9 @@ class Diagnosis:
 
     def sentence(self) -> str:
         """The verdict in words."""
-        causes = self.naming.model.causes
         told = "; ".join(
             f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} ± {c.std:.1g} {c.effect.unit})"
-            for c in causes
+            for c in self.naming.added
         )
         if self.verdict == "none":
             return "Nothing is missing: what is left is noise."
@@ -73,7 +72,7 @@ class Diagnosis:
         """``discrepancy.json``."""
         passes = self.naming.passes
         effects = []
-        for n, cause in enumerate(self.naming.model.causes):
+        for n, cause in enumerate(self.naming.added):
             effects.append(
                 {
                     "name": cause.effect.id,
@@ -152,9 +151,9 @@ def diagnosed(
     given = {k: start.values[k] for k in law.constants("given")} if start else {}
     problem, found = read(scenes, law, given)
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
-    without = replace(naming.passes[0].match.model, causes=())
+    without = naming.passes[0].match.model
     density = problem.probes[0].body.density
-    if not holdout or not naming.model.causes:
+    if not holdout or not naming.added:
         return Diagnosis(naming, without, (), density)
     progress("predicting the held-out motion")
     unseen = Scenes.of(tuple(holdout), dx, device)

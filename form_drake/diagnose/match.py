@@ -125,6 +125,14 @@ class Match:
         """Whether no unknown would change by more than a share of its standard deviation."""
         return bool(np.all(np.abs(self.change) < SETTLED * self.std))
 
+    @property
+    def told(self) -> Model:
+        """The model, its causes with their standard deviations."""
+        causes = self.model.causes
+        more = self.std[len(self.std) - len(causes) :]
+        sure = tuple(replace(c, std=float(s)) for c, s in zip(causes, more, strict=True))
+        return replace(self.model, causes=sure)
+
     def next(self) -> Model:
         """The model that closes the gap to first order; moduli change by a factor of two at most."""
         unknowns, model = self.problem.unknowns, self.model
@@ -145,15 +153,13 @@ class Match:
 
 
 def matched(problem: Problem, scenes: Scenes, start: Model) -> Match:
-    """The twin nearest to the data (Gauss-Newton); the causes of its model carry their std."""
+    """The twin nearest to the data (Gauss-Newton)."""
     found = Match.of(problem, scenes, start)
     for _ in range(PASSES - 1):
         if found.settled:
             break
         found = Match.of(problem, scenes, found.next())
-    more = found.std[len(found.std) - len(start.causes) :]
-    causes = tuple(replace(c, std=float(s)) for c, s in zip(found.model.causes, more, strict=True))
-    return replace(found, model=replace(found.model, causes=causes))
+    return found
 
 
 def _rest(rows: Rows, theta: np.ndarray) -> np.ndarray:

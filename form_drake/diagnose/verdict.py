@@ -48,11 +48,13 @@ class Naming:
     Attributes:
         passes: the last one found nothing, or no more were allowed.
         model: with everything that was added, refitted.
+        added: causes of the model that were not known before, one for each pass but the last.
         verdict: ``unnamed``: something is missing that no effect explains.
     """
 
     passes: tuple[Found, ...]
     model: Model
+    added: tuple[Cause, ...]
     verdict: Verdict
 
 
@@ -69,7 +71,7 @@ def named(
     Args:
         problem: probes and unknowns.
         scenes: of the probes.
-        start: law and values to begin with.
+        start: law, values and known causes to begin with.
         effects: a catalogue.
         thresholds: score by effect's id that nothing missing may reach.
         progress: hears what is done.
@@ -83,18 +85,20 @@ def named(
         progress("scoring effects")
         passes.append(judged(match, effects, thresholds))
         best = passes[-1].best
-        if best is None or len(match.model.causes) == MOST:
+        if best is None or len(passes) > MOST:
             break
         progress(f"adding {best.effect.id}")
         cause = Cause(best.effect, best.coefficient, best.shape)
         more = replace(match.model, causes=(*match.model.causes, cause))
         match = matched(problem, scenes, more)
-    verdict: Verdict = "named" if match.model.causes else "none"
+    model = match.told
+    added = model.causes[len(start.causes) :]
+    verdict: Verdict = "named" if added else "none"
     if passes[-1].best is not None:
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
-    return Naming(tuple(passes), match.model, verdict)
+    return Naming(tuple(passes), model, added, verdict)
 
 
 def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, float]) -> Found:

@@ -115,8 +115,8 @@ class Stage:
     def _grid(self, held: list[Face], paths: "list[_Path]") -> tuple[float, dict[int, float]]:
         """A spacing near ``dx`` [m], and places half-way between nodes [m], by axis.
 
-        Bonds are true where no row of nodes comes in or goes out: so the planes of bonded faces lie
-        half-way at the middle of their ways, both of a pair if there is one.
+        How stiff a bonded layer is depends on where it lies between rows of nodes: so the planes of
+        bonded faces lie half-way at the middle of their ways, both of a pair if there is one.
         """
         dx, places = self.dx, dict[int, float]()
         for face, path in zip(held, paths, strict=True):
