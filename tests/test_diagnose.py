@@ -11,8 +11,8 @@ import pytest
 
 from form_drake.__main__ import main
 from form_drake.diagnose import Cause, Model, Scenes
-from form_drake.diagnose.match import matched
 from form_drake.diagnose.score import coherence, scores, shapes
+from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS

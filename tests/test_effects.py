@@ -12,8 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from form_drake.diagnose import ProbeReading
+from form_drake.diagnose import Cause, Model, ProbeReading, Scenes
+from form_drake.diagnose.prepare import probe
+from form_drake.diagnose.score import scored
+from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World
+from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
 from form_drake.material import Material
 from form_drake.motion import Motion, body
@@ -22,6 +26,7 @@ from form_drake.records import Recording, Stream
 from form_drake.weak.fields import Sampled
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
+from form_drake.weak.unknowns import Unknowns
 from form_drake.weak.windows import even, windows
 
 SIZE, DX, SECONDS = np.array([0.02, 0.02, 0.03]), 0.004, 0.3
@@ -31,6 +36,9 @@ THETA = np.array([20e3, 40e3])
 TRIED = {  # size of the coefficient, and the shape
     "damping": (2.0, {}),
     "rate-dependence": (3.0, {"n": 0.7}),
+    "relaxation": (0.1, {"time": 0.1}),
+    "yield": (0.2, {"strain": 0.01}),
+    "hardening": (0.2, {"strain": 0.01, "growth": 0.5}),
     "stiffening": (3e3, {}),
     "anisotropy": (1e3, {"azimuth": 0.5, "elevation": 0.7}),
     "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.015, "radius": 0.007}),
@@ -39,6 +47,9 @@ TRIED = {  # size of the coefficient, and the shape
     "density": (0.1, {}),
     "added-mass": (2e-4, {"x": 0.001, "y": 0.002, "z": 0.015, "radius": 0.006}),
     "drag": (20.0, {}),
+    "tool-friction": (0.06, {}),
+    "adhesion": (300.0, {}),
+    "floor-slip": (3e-8, {}),
     "force-gain": (0.02, {}),
     "force-bias": (0.02, {"axis": 2}),
     "force-drift": (0.05, {"axis": 2}),
@@ -191,7 +202,10 @@ def stiffer(plain):
     return *data, b - A @ theta
 
 
-@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda effect: effect.id)
+COLUMNS = [e for e in CATALOGUE.values() if e.column is not None]
+
+
+@pytest.mark.parametrize("effect", COLUMNS, ids=lambda effect: effect.id)
 def test_the_column_is_the_derivative_of_the_switch(effect, plain, stiffer):
     made, motion, left = plain
     size, shape = TRIED[effect.id]
@@ -204,6 +218,45 @@ def test_the_column_is_the_derivative_of_the_switch(effect, plain, stiffer):
         other = other, replace(particles, F=particles.F * (1.0 + world.swelling))
     assert found(effect, shape, *other, left) == pytest.approx(size, rel=0.05)
     assert abs(found(effect, shape, *stiffer)) < 0.05 * size
+
+
+def loose() -> Recording:
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.04, 0.96, (250, 3))
+    t, stamps = np.linspace(0.0, SECONDS, 46), np.linspace(0.0, SECONDS, 151)
+    pose = np.tile(np.eye(4), (len(stamps), 1, 1))
+    pose[:, 2, 3] = SIZE[2] + 4e-4 - 2.5e-3 * np.sin(np.pi * (0.1 + 0.9 * stamps / SECONDS)) ** 2
+    return Recording.from_arrays(
+        t,
+        np.tile(X, (len(t), 1, 1)),
+        p_reference=X,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.03"},
+        contact={"z-": "bonded floor", "z+": "frictionless plate", "other": "free"},
+        poses={"plate": Stream(stamps, pose)},
+        forces={"plate": Stream(stamps, np.zeros((len(stamps), 3)), noise=1e-3)},
+    )
+
+
+@pytest.mark.parametrize("name", ["tool-friction", "adhesion", "floor-slip"])
+def test_contact_is_found_by_simulating_it(name):
+    """Their columns are differences of simulations: begun from another size, the true one is found."""
+    effect, (size, shape) = CATALOGUE[name], TRIED[name]
+    scenes = Scenes.of((loose(),), DX)
+    values = {"mu": 20.4e3, "lam": 39e3}
+    start = Model(SOFT.law, SOFT.values)
+
+    def problem(*causes):
+        (made,) = scenes.rolled(Model(SOFT.law, values, causes))
+        own = probe(replace(made, noise=1e-6), "press", DX)
+        return Problem.of([own], Unknowns.of(SOFT.law, {}, "law"), "borne")
+
+    hidden = matched(
+        problem(Cause(effect, size, shape)), scenes, start.more(effect, effect.trial, shape)
+    )
+    assert hidden.model.causes[0].coefficient == pytest.approx(size, rel=0.05)
+    plain = matched(problem(), scenes, start)
+    assert abs(scored(plain, effect, [shape]).coefficient) < 0.05 * size
 
 
 def test_every_effect_is_declared_in_full():

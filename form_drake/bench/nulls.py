@@ -15,10 +15,10 @@ import numpy as np
 
 from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.bench.oracles import recorded, run
-from form_drake.diagnose.match import matched
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.score import scores
+from form_drake.diagnose.search import matched
 from form_drake.diagnose.verify import FINER
 from form_drake.effects import CATALOGUE
 from form_drake.files import read_mapping

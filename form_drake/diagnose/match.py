@@ -10,17 +10,19 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
+from form_drake.weak.contact import STIFFNESS, HeldFields, held
+from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Weights, weights
 
 PAIRS = 4  # of noise draws
-PASSES = 6  # of simulations until a twin is nearest to the data, at most
-SETTLED = 0.3  # standard deviations that are no change
-MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
+LAYER = 0.1  # of the grid spacing times the strain, that a held layer is wrong by
+ALONE = 0.3  # of it, from one window to the next
+STEP = 0.2  # of the width of a shape parameter, in differences
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,14 @@ class Match:
         twin: the same of the simulation.
         by: inverse covariance of the rows of the data.
         model: that the twin was simulated with.
+        scenes: of the recordings.
     """
 
     problem: Problem
     twin: Problem
     by: Weights
     model: Model
+    scenes: Scenes
 
     @classmethod
     def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
@@ -48,8 +52,11 @@ class Match:
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
         noise = problem.noise(*problem.coordinates(model.values))
+        noise = [
+            n + layer_error(p, dx) for n, p, dx in zip(noise, twin.probes, scenes.dx, strict=True)
+        ]
         by = weights(noise, np.ones(sum(map(len, noise))), 0.0)
-        return cls(problem, twin, by, model)
+        return cls(problem, twin, by, model, scenes)
 
     @cached_property
     def readings(self) -> tuple[ProbeReading, ...]:
@@ -58,21 +65,72 @@ class Match:
 
     def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, whitened, shape [rows, shapes]."""
-        found = [
-            np.concatenate([effect.column(reading, shape) for reading in self.readings])
-            for shape in shapes
-        ]
-        return self.by.white(np.stack(found, axis=1))
+        return self.by.white(self._every(effect, shapes))
+
+    def _every(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
+
+    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
+        if effect.column is None:
+            return self._changed(effect, shape)
+        return np.concatenate([effect.column(reading, shape) for reading in self.readings])
+
+    def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
+        """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
+        key = effect.id, tuple(shape.items())
+        if key not in self._simulated:
+            probes = self.problem.probes
+            meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
+            scenes, model = self.scenes.only(meant), self.model.more(effect, effect.trial, shape)
+            one, other = (
+                replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
+                for p in (self.twin, self.problem)
+            )
+            other = twin_problem(
+                other, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
+            )
+            eta, theta = self.twin.coordinates(self.model.values)
+            change = _rest(other.rows(eta, theta), theta) - _rest(one.rows(eta, theta), theta)
+            lengths = [int(p.keep.sum()) for p in probes]
+            rows = np.repeat(np.isin(np.arange(len(probes)), meant), lengths)
+            found = np.zeros(len(rows))
+            found[rows] = change / effect.trial
+            self._simulated[key] = found
+        return self._simulated[key]
+
+    @cached_property
+    def _simulated(self) -> dict[tuple[object, ...], np.ndarray]:
+        return {}
 
     @cached_property
     def explained(self) -> np.ndarray:
-        """Columns of the law's unknowns, and of the causes, whitened, shape [rows, unknowns]."""
-        own = self.by.white(self.twin.jacobian(*self.twin.coordinates(self.model.values)))
-        return np.hstack([own, *(self.columns(c.effect, [c.shape]) for c in self.model.causes)])
+        """Columns of the law's unknowns, and of the causes', whitened, shape [rows, unknowns]."""
+        return self.by.white(self.slopes)
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """The same, not whitened."""
+        own = self.twin.jacobian(*self.twin.coordinates(self.model.values))
+        return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
+
+    def _slopes(self, cause: Cause) -> np.ndarray:
+        """Columns of a cause's coefficient and free shape parameters, shape [rows, unknowns]."""
+        effect, steps = cause.effect, STEP * cause.widths
+        shapes = [cause.shape]
+        for key, step in zip(effect.free, steps, strict=True):
+            shapes += [{**cause.shape, key: cause.shape[key] + s * step} for s in (-1.0, 1.0)]
+        columns = self._every(effect, shapes)
+        turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * steps)
+        return np.hstack([columns[:, :1], cause.coefficient * turns])
 
     @cached_property
     def gap(self) -> np.ndarray:
-        """Whitened, shape [rows].
+        """Whitened, shape [rows]."""
+        return self.by.white(self.apart)
+
+    @cached_property
+    def apart(self) -> np.ndarray:
+        """The same, not whitened: rows of the data less those of the twin.
 
         Noise shifts the rows of the data to second order too. By as much it shifts those of the
         twin: that is the mean over pairs of draws of opposite sign.
@@ -87,7 +145,7 @@ class Match:
             if len(both) == 2:
                 shift += np.mean(both, axis=0) - still
                 count += 1
-        return self.by.white(data - own - shift / max(count, 1))
+        return np.asarray(data - own - shift / max(count, 1))
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -103,63 +161,49 @@ class Match:
         """What they leave of whitened columns."""
         return np.asarray(a - self.basis @ (self.basis.T @ a))
 
+    @property
+    def parts(self) -> list[int]:
+        """Where the unknowns of one cause end and those of the next begin."""
+        counts = [c.unknowns for c in self.model.causes]
+        first = self.explained.shape[1] - sum(counts)
+        return np.cumsum([first, *counts])[:-1].tolist()
+
     @cached_property
-    def _solved(self) -> tuple[np.ndarray, np.ndarray]:
-        """Change of the unknowns that closes the gap, and its standard deviation."""
-        length = np.linalg.norm(self.explained, axis=0)
-        inverse = np.linalg.pinv(self.explained / length)
-        return inverse @ self.gap / length, np.linalg.norm(inverse, axis=1) / length
-
-    @property
-    def change(self) -> np.ndarray:
-        """Of the unknowns that closes the gap: the law's, nonlinear ones last, then the causes'."""
-        return self._solved[0]
-
-    @property
     def std(self) -> np.ndarray:
         """Of the unknowns."""
-        return self._solved[1]
-
-    @property
-    def settled(self) -> bool:
-        """Whether no unknown would change by more than a share of its standard deviation."""
-        return bool(np.all(np.abs(self.change) < SETTLED * self.std))
+        length = np.linalg.norm(self.explained, axis=0)
+        inverse = np.linalg.pinv(self.explained / length)
+        return np.asarray(np.linalg.norm(inverse, axis=1) / length)
 
     @property
     def told(self) -> Model:
         """The model, its causes with their standard deviations."""
-        causes = self.model.causes
-        more = self.std[len(self.std) - len(causes) :]
-        sure = tuple(replace(c, std=float(s)) for c, s in zip(causes, more, strict=True))
-        return replace(self.model, causes=sure)
-
-    def next(self) -> Model:
-        """The model that closes the gap to first order; moduli change by a factor of two at most."""
-        unknowns, model = self.problem.unknowns, self.model
-        eta, theta = self.twin.coordinates(model.values)
-        phi = np.array([model.values[k] for k in unknowns.keys])
-        own, more = np.split(self.change, [len(phi) + len(eta)])
-        step = np.clip(own[: len(phi)] / np.abs(phi), np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0)
-        eta = eta + np.clip(own[len(phi) :], -MOST, MOST)
-        theta = unknowns.theta(phi + step * np.abs(phi))
-        values = {**model.values, **self.problem.values(eta)}
-        values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
-        sizes = [c.coefficient + float(d) for c, d in zip(model.causes, more, strict=True)]
-        sizes = [
-            size if c.effect.signed or size > 0.0 else 0.5 * c.coefficient
-            for c, size in zip(model.causes, sizes, strict=True)
+        _, *parts = np.split(self.std, self.parts)
+        causes = [
+            replace(
+                c, std=float(s[0]), spread=dict(zip(c.effect.free, s[1:].tolist(), strict=True))
+            )
+            for c, s in zip(self.model.causes, parts, strict=True)
         ]
-        return model.moved(values, sizes)
+        return replace(self.model, causes=tuple(causes))
 
 
-def matched(problem: Problem, scenes: Scenes, start: Model) -> Match:
-    """The twin nearest to the data (Gauss-Newton)."""
-    found = Match.of(problem, scenes, start)
-    for _ in range(PASSES - 1):
-        if found.settled:
-            break
-        found = Match.of(problem, scenes, found.next())
-    return found
+def layer_error(probe: Probe, dx: float) -> np.ndarray:
+    """Covariance of what a simulation has wrong of the layers at held faces, of all rows.
+
+    Seen in blocks of finite elements without any effect: it grows with the strain at the face, and
+    stays alike while that does.
+    """
+    total = np.zeros((len(probe.keep),) * 2)
+    points = sum(len(f.points) for f in probe.fields if isinstance(f, HeldFields))
+    if points:
+        strain = probe.motion.F[:, -points:] - np.eye(3)
+        size = np.sqrt(np.mean(np.sum(strain**2, axis=(2, 3)), axis=1))
+        error = LAYER * dx * STIFFNESS * (probe.windows.chi @ size)
+        rows = np.flatnonzero(held(probe.fields, probe.windows)).reshape(len(error), -1)
+        for own in rows.T:
+            total[np.ix_(own, own)] = np.outer(error, error) + ALONE**2 * np.diag(error**2)
+    return total[np.ix_(probe.keep, probe.keep)]
 
 
 def _rest(rows: Rows, theta: np.ndarray) -> np.ndarray:

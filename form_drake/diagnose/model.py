@@ -1,7 +1,7 @@
 """What is believed of a specimen, and the recordings that it would give."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,12 +24,40 @@ class Cause:
         coefficient: in its unit.
         shape: values of its shape parameters.
         std: of the coefficient.
+        spread: standard deviations of the free shape parameters, where they were refined.
     """
 
     effect: Effect
     coefficient: float
     shape: Shape
     std: float = 0.0
+    spread: Shape = field(default_factory=dict)
+
+    @property
+    def unknowns(self) -> int:
+        """Coefficient and free shape parameters."""
+        return 1 + len(self.effect.free)
+
+    @property
+    def widths(self) -> np.ndarray:
+        """How far the free shape parameters are known, shape [free]."""
+        return np.array([self.effect.width(self.shape, k) for k in self.effect.free])
+
+    def within(self, change: np.ndarray) -> np.ndarray:
+        """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
+        effect, now = self.effect, np.array([self.shape[k] for k in self.effect.free])
+        size = effect.bounded(self.coefficient + float(change[0]), self.coefficient)
+        least = np.where([effect.positive(k) for k in effect.free], -0.5 * np.abs(now), -np.inf)
+        turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
+        return np.append(size - self.coefficient, turn)
+
+    def moved(self, change: np.ndarray) -> "Cause":
+        """With other unknowns."""
+        shape = {
+            k: self.shape[k] + float(d) for k, d in zip(self.effect.free, change[1:], strict=True)
+        }
+        size = self.coefficient + float(change[0])
+        return replace(self, coefficient=size, shape={**self.shape, **shape})
 
 
 @dataclass(frozen=True)
@@ -73,11 +101,15 @@ class Model:
                 beside.append(Acting(cause.effect.id, cause.coefficient, cause.shape, cause.std))
         return Material(law, values, density, effects=tuple(beside))
 
-    def moved(self, values: Mapping[str, float], coefficients: list[float]) -> "Model":
-        """The same with other values and coefficients."""
-        pairs = zip(self.causes, coefficients, strict=True)
-        causes = tuple(replace(c, coefficient=size) for c, size in pairs)
-        return replace(self, values=dict(values), causes=causes)
+    def more(self, effect: Effect, size: float, shape: Shape) -> "Model":
+        """With an effect that acts more by a coefficient, or begins to."""
+        if all(c.effect is not effect for c in self.causes):
+            return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
+        causes = tuple(
+            replace(c, coefficient=c.coefficient + size, shape=shape) if c.effect is effect else c
+            for c in self.causes
+        )
+        return replace(self, causes=causes)
 
 
 @dataclass(frozen=True)
@@ -102,6 +134,11 @@ class Scenes:
         shapes = [body(r) for r in recordings]
         own = tuple(dx or float((s.high - s.low).min()) / CELLS for s in shapes)
         return cls(recordings, own, device)
+
+    def only(self, chosen: Sequence[int]) -> "Scenes":
+        """Some of them."""
+        recordings = tuple(self.recordings[n] for n in chosen)
+        return replace(self, recordings=recordings, dx=tuple(self.dx[n] for n in chosen))
 
     def finer(self, factor: float) -> "Scenes":
         return replace(self, dx=tuple(dx / factor for dx in self.dx))

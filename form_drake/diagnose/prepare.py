@@ -1,6 +1,7 @@
 """Recordings of one specimen read for a diagnosis: which test fields and windows, and a first model."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.motion import body, fit_tracks
 from form_drake.records import Recording
-from form_drake.weak.fields import BoxFields
+from form_drake.weak.contact import HeldFields, OpenFields, seeing, tests
+from form_drake.weak.fields import BoxFields, Fields
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import prepared
 from form_drake.weak.unknowns import Unknowns
@@ -23,15 +25,20 @@ SPANS = 2  # of the fields along each axis, one more for each held face
 CLEAR = 1.0  # of the grid spacing, kept from held faces
 
 
-def fields(recording: Recording, dx: float) -> BoxFields:
-    """Test fields that keep clear of the layers at held faces, in which simulations err most."""
+def fields(recording: Recording, dx: float) -> list[Fields]:
+    """Test fields that keep clear of the layers at held faces, in which simulations err most.
+
+    Beside them: how far held faces have gone, and forces where nothing touches.
+    """
     shape = body(recording)
     held = np.zeros(3, dtype=int)
     for face in shape.faces:
         held[face.axis] += face.condition in ("bonded", "frictionless")
     spans = tuple((SPANS + held).tolist())
     tools = frozenset(recording.forces)
-    return BoxFields.of(shape, tools, spans, clear=CLEAR * dx)
+    tests = BoxFields.of(shape, tools, spans, clear=CLEAR * dx)
+    beside = (HeldFields.of(shape), OpenFields.of(recording, shape))
+    return [tests, *(f for f in beside if f is not None)]
 
 
 def probe(recording: Recording, name: str, dx: float) -> Probe:
@@ -41,7 +48,8 @@ def probe(recording: Recording, name: str, dx: float) -> Probe:
     width = min(WINDOW, last)
     ends = even(0.0, last, width, STRIDE * width)
     fit = fit_tracks(recording, shape, symmetric=False)
-    return prepared(recording, name, [fields(recording, dx)], ends, shape, fit)
+    made = prepared(recording, name, fields(recording, dx), ends, shape, fit)
+    return replace(made, keep=made.keep & seeing(made.fields, made.windows))
 
 
 def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem, Model]:
@@ -55,7 +63,8 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
     probes = [probe(recording, f"probe {n}", dx) for n, (recording, dx) in pairs]
     problem = Problem.of(probes, Unknowns.of(law, known, "law"), "borne")
-    found = weighing(problem)
+    balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in probes]
+    found = weighing(replace(problem, probes=tuple(balance)))
     theta = problem.unknowns.theta(found.solution.theta)
     values = {**known, **problem.values(found.eta)}
     terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}

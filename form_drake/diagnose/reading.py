@@ -9,10 +9,12 @@ import numpy as np
 from form_drake.effects.effect import Change
 from form_drake.identify.problem import Problem
 from form_drake.laws import Law, Values, law_named
+from form_drake.laws.memory import Memory, remembered
 from form_drake.motion import Motion, Sampling
 from form_drake.weak.balance import Along, Fixed, balance
+from form_drake.weak.contact import HeldFields
 from form_drake.weak.probe import Probe
-from form_drake.weak.ready import quadrature_cells
+from form_drake.weak.ready import beside, quadrature_cells
 from form_drake.weak.stress import elastic_part, unit_stresses
 
 STEP = 1e-4  # of a displacement, in differences
@@ -82,9 +84,9 @@ class ProbeReading:
 
     @cached_property
     def _mass_by_point(self) -> np.ndarray | None:
-        windows, scale = self.probe.windows, self.motion.mass / self.m
+        windows = self.probe.windows
         found = self._by_point(lambda family: family.mass_by_point(windows.chi, windows.rate))
-        return None if found is None else found * scale  # by that of a quasi-static scene
+        return None if found is None else found * self._scale
 
     def _by_point(self, parts: Callable[[Fixed], np.ndarray]) -> np.ndarray | None:
         """Rows as sums over points, where all fields are fixed, shape [rows, points]."""
@@ -94,8 +96,17 @@ class ProbeReading:
         found = np.concatenate([parts(f) for f in families], axis=1)
         return np.asarray(found.reshape(-1, found.shape[-1])[self.probe.keep])
 
+    def remembered(self, memory: Memory) -> np.ndarray:
+        motion = self.motion
+        part = remembered(motion.F, motion.time, memory)
+        return self.stress(self._law(part) - self._law(motion.F))
+
     def stretched(self, factor: float) -> np.ndarray:
-        T = self._stresses(self.law, self.values, factor * self._elastic)
+        return self._law(factor * self._elastic)
+
+    def _law(self, F: np.ndarray) -> np.ndarray:
+        """Its Kirchhoff stress at elastic deformation gradients [Pa]."""
+        T = self._stresses(self.law, self.values, F)
         found: np.ndarray = np.tensordot(self.law.theta(self.values), T, axes=1)
         return found
 
@@ -111,8 +122,13 @@ class ProbeReading:
     def mass(self, m: np.ndarray) -> np.ndarray:
         if self._mass_by_point is not None:
             return -np.asarray(self._mass_by_point @ m)
-        scaled = m * self.motion.mass / self.m  # by the mass scale of a quasi-static scene
-        return -self._masses(replace(self.motion, mass=scaled, pressure=None), self.gravity)
+        scaled = replace(self.motion, mass=m * self._scale, pressure=None)
+        return -self._masses(scaled, self.gravity)
+
+    @property
+    def _scale(self) -> float:
+        """By how much a quasi-static scene has more mass."""
+        return float(self.motion.mass.sum() / self.m.sum())
 
     def force(self, change: Change) -> np.ndarray:
         probe = self.probe
@@ -156,6 +172,9 @@ class ProbeReading:
         """Weight and inertia, b of the balance without forces on tools [N m s]."""
         chi, rate, found = self.probe.windows.chi, self.probe.windows.rate, []
         for family in self.probe.fields:
+            if isinstance(family, HeldFields):
+                found.append(np.zeros((len(chi), len(family.names))))
+                continue
             r = balance(family, motion, gravity).rest
             found.append(chi @ (r.load + r.carried) + rate @ r.momentum)
         return self._kept(np.concatenate(found, axis=1))
@@ -175,7 +194,7 @@ def _finely(probe: Probe) -> Probe:
             np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends, ends[1:], parts, strict=False)
         ]
         cells[n] = np.append(np.concatenate(inner), ends[-1])
-    X, volume = body.gauss(cells, 2)
+    X, volume = beside(*body.gauss(cells, 2), probe.fields)
     density = float(motion.mass.sum() / motion.volume.sum())
     return replace(probe, sampling=Sampling.of(probe.fit, probe.windows.time, X, volume, density))
 

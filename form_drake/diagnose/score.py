@@ -63,8 +63,9 @@ def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
         match: of data and twin.
         effects: a catalogue; those that do not fit the law are left out.
     """
-    body = match.problem.probes[0].body
-    fitting = (e for e in effects if e.fits(match.model.law))
+    bodies = [p.body for p in match.problem.probes]
+    body = bodies[0]
+    fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
     return sorted((scored(match, e, shapes(e, body)) for e in fitting), key=lambda s: -s.score)
 
 

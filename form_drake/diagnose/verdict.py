@@ -7,9 +7,10 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import minimize
 
-from form_drake.diagnose.match import Match, matched
+from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.score import Score, coherence, scored, scores
+from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
 from form_drake.identify.problem import Problem
 
@@ -88,7 +89,7 @@ def named(
         if best is None or len(passes) > MOST:
             break
         progress(f"adding {best.effect.id}")
-        cause = Cause(best.effect, best.coefficient, best.shape)
+        cause = Cause(best.effect, best.effect.bounded(best.coefficient), best.shape)
         more = replace(match.model, causes=(*match.model.causes, cause))
         match = matched(problem, scenes, more)
     model = match.told
@@ -121,11 +122,11 @@ def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, flo
 
 def refined(match: Match, score: Score) -> Score:
     """The score at the best shape near the best of a grid."""
-    free = [k for k in score.effect.shapes if k != "axis"]  # that is a whole number
+    free = score.effect.free
     if not free:
         return score
     start = np.array([score.shape[k] for k in free])
-    widths = np.array([_width(score, k) for k in free])
+    widths = np.array([score.effect.width(score.shape, k) for k in free])
 
     def tried(z: np.ndarray) -> Score:
         shape = {**score.shape, **dict(zip(free, (start + z * widths).tolist(), strict=True))}
@@ -139,12 +140,6 @@ def refined(match: Match, score: Score) -> Score:
     )
     best = tried(found.x)
     return best if best.score > score.score else score
-
-
-def _width(score: Score, key: str) -> float:
-    """Of a search for one shape parameter: the spacing of its grid."""
-    values = np.unique(score.effect.shapes[key])
-    return float(np.diff(values).min()) if len(values) > 1 else 0.5 * score.shape["radius"]
 
 
 def _simplex(n: int) -> np.ndarray:

@@ -4,15 +4,19 @@ An effect is a column of the weak balance and a switch of the simulation, or of 
 test holds for all of them: simulated with the effect, its coefficient is found.
 """
 
+from form_drake.effects.contact import ADHESION, FLOOR_SLIP, TOOL_FRICTION
 from form_drake.effects.effect import Effect, Reading, Shape
 from form_drake.effects.inertia import ADDED_MASS, DENSITY, DRAG, GRAVITY_TILT
 from form_drake.effects.material import (
     ANISOTROPY,
     DAMPING,
     EIGENSTRAIN,
+    HARDENING,
     INCLUSION,
     RATE_DEPENDENCE,
+    RELAXATION,
     STIFFENING,
+    YIELD,
 )
 from form_drake.effects.own import load
 from form_drake.effects.sensor import (
@@ -41,8 +45,11 @@ CATALOGUE: dict[str, Effect] = {
     effect.id: effect
     for effect in (
         DAMPING,
-        RATE_DEPENDENCE,
+        RELAXATION,
+        YIELD,
+        HARDENING,
         STIFFENING,
+        RATE_DEPENDENCE,
         ANISOTROPY,
         INCLUSION,
         EIGENSTRAIN,
@@ -50,6 +57,9 @@ CATALOGUE: dict[str, Effect] = {
         DENSITY,
         ADDED_MASS,
         DRAG,
+        TOOL_FRICTION,
+        ADHESION,
+        FLOOR_SLIP,
         FORCE_GAIN,
         FORCE_BIAS,
         FORCE_DRIFT,

@@ -1,6 +1,6 @@
 """What an effect is: a column of the balance and a switch of the simulation, declared once."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, Protocol
@@ -9,6 +9,7 @@ import numpy as np
 
 from form_drake.effects.world import Ball, World
 from form_drake.laws import Law, Values
+from form_drake.laws.memory import Memory
 
 Shape = Mapping[str, float]
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -17,6 +18,13 @@ Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def ball(shape: Shape) -> Ball:
     """The ball in the body that shape parameters x, y, z, radius [m] state."""
     return Ball(np.array([shape[axis] for axis in "xyz"]), shape["radius"])
+
+
+class HasFaces(Protocol):
+    """A body whose faces say how they are held."""
+
+    @property
+    def faces(self) -> Sequence[Any]: ...
 
 
 class Reading(Protocol):
@@ -64,6 +72,10 @@ class Reading(Protocol):
         """A share of that stress, which differs from point to point, shape [points]."""
         ...
 
+    def remembered(self, memory: Memory) -> np.ndarray:
+        """The stress of one remembered part in place of the law's, its share being one."""
+        ...
+
     def stretched(self, factor: float) -> np.ndarray:
         """The same, were every deformation gradient multiplied by a factor."""
         ...
@@ -99,7 +111,8 @@ class Effect:
         sentence: what it is, for a report.
         unit: of the coefficient.
         prior: from the least to the largest size that is likely.
-        column: (reading, shape) -> what a coefficient of one adds to A theta - b.
+        column: (reading, shape) -> what a coefficient of one adds to A theta - b; None: it is found
+            by simulating with a coefficient of ``trial``.
         world: (world, coefficient, shape) -> the scene with the effect; None: it is the sensors'.
         sensor: (recording, coefficient, shape) -> what sensors with the effect record of a motion;
             None: it is the world's. The recording's ``p_WQ`` and ``forces`` are arrays as of
@@ -107,6 +120,10 @@ class Effect:
         shown: motions that show it.
         shapes: values of the shape parameters among which it is sought, by name.
         signed: whether the coefficient may be negative.
+        least: coefficient that every one is above; of a signed effect, else it is zero.
+        most: largest coefficient that there can be.
+        trial: coefficient with which an effect without a column is simulated.
+        faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
     """
 
@@ -114,22 +131,54 @@ class Effect:
     sentence: str
     unit: str
     prior: tuple[float, float]
-    column: Callable[[Reading, Shape], np.ndarray] = field(repr=False)
+    column: Callable[[Reading, Shape], np.ndarray] | None = field(repr=False)
     world: Callable[[World, float, Shape], World] | None = field(default=None, repr=False)
     sensor: Callable[[Any, float, Shape], Any] | None = field(default=None, repr=False)
     shown: tuple[str, ...] = ()
     shapes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     signed: bool = True
+    least: float = -np.inf
+    most: float = np.inf
+    trial: float = 0.0
+    faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
 
     def __post_init__(self) -> None:
         if (self.world is None) == (self.sensor is None):
             raise ValueError(f"effect {self.id}: either world or sensor is wanted")
+        if (self.column is None) != (self.trial > 0.0):
+            raise ValueError(f"effect {self.id}: either column or trial is wanted")
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
+
+    def bounded(self, size: float, now: float = 0.0) -> float:
+        """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""
+        least = self.least if self.signed else 0.0
+        return min(size, self.most) if size > least else 0.5 * (now + least)
 
     def grid(self) -> list[dict[str, float]]:
         """All combinations of the shape parameters."""
         return [
             dict(zip(self.shapes, values, strict=True)) for values in product(*self.shapes.values())
         ]
+
+    def concerns(self, body: HasFaces) -> bool:
+        """Whether a body has a face that it needs."""
+        return not self.faces or any(f.condition in self.faces for f in body.faces)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Shape parameters that are no choice among a few, so that they can be refined."""
+        return tuple(k for k in self.shapes if k != "axis")
+
+    def width(self, shape: Shape, key: str) -> float:
+        """How far a free shape parameter is known: spacing of its grid, or half the radius of a place."""
+        values = np.unique(self.shapes[key])
+        if len(values) < 2:
+            return 0.5 * shape["radius"]
+        middles, apart = 0.5 * (values[1:] + values[:-1]), np.diff(values)
+        return float(np.interp(shape[key], middles, apart))
+
+    def positive(self, key: str) -> bool:
+        """Whether a shape parameter is a size."""
+        return key == "radius" or (len(self.shapes[key]) > 0 and min(self.shapes[key]) > 0.0)

@@ -44,6 +44,7 @@ DENSITY = Effect(
     column=lambda reading, shape: reading.mass(reading.m),
     world=lambda scene, size, shape: replace(scene, density=scene.density * (1.0 + size)),
     shown=("shake", "a balance"),
+    least=-1.0,
 )
 
 

@@ -1,17 +1,20 @@
 """Effects of the material: stresses that the declared law leaves out."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import Inclusion, World
 from form_drake.laws import ADDITIONS, Law
+from form_drake.laws.memory import Memory
 
 SMALL = 1e-5  # of a stretch, in differences
 
 
-def _added(name: str, key: str, **more: object) -> Effect:
+def _added(name: str, key: str, **more: Any) -> Effect:
     """An addition to the law; shape parameters are its given constants."""
 
     addition = ADDITIONS[name]
@@ -26,7 +29,7 @@ def _added(name: str, key: str, **more: object) -> Effect:
     def world(scene: World, size: float, shape: Shape) -> World:
         return scene.added(name, **{key: size}, **shape)
 
-    return Effect(id=name, column=column, world=world, fits=fits, **more)  # type: ignore[arg-type]
+    return Effect(id=name, column=column, world=world, fits=fits, **more)
 
 
 DAMPING = _added(
@@ -74,6 +77,56 @@ ANISOTROPY = _added(
 )
 
 
+def _remembering(made: Callable[[float, Shape], Memory], **more: Any) -> Effect:
+    """A share of the stress answers to a part of the deformation, ``made`` of share and shape."""
+
+    def column(reading: Reading, shape: Shape) -> np.ndarray:
+        return reading.remembered(made(1.0, shape))
+
+    def world(scene: World, size: float, shape: Shape) -> World:
+        return replace(scene, memories=(*scene.memories, made(size, shape)))
+
+    return Effect(
+        column=column,
+        world=world,
+        unit="-",
+        prior=(0.003, 1.0),
+        signed=False,
+        most=1.0,
+        fits=_elastic,
+        **more,
+    )
+
+
+def _elastic(law: Law) -> bool:
+    return law.flow == "elastic"
+
+
+RELAXATION = _remembering(
+    lambda share, shape: Memory(share, rate=1.0 / shape["time"]),
+    id="relaxation",
+    sentence="a share of the stress fades with time",
+    shown=("press, hold and release",),
+    shapes={"time": (0.05, 0.15, 0.5, 1.5)},
+)
+
+STRAINS = (0.005, 0.01, 0.02, 0.03, 0.045, 0.065)  # |dev e|
+YIELD = _remembering(
+    lambda share, shape: Memory(share, strain=shape["strain"]),
+    id="yield",
+    sentence="a share of the stress grows no more beyond a strain: the body yields",
+    shown=("press, release and wait",),
+    shapes={"strain": STRAINS},
+)
+HARDENING = _remembering(
+    lambda share, shape: Memory(share, strain=shape["strain"], growth=shape["growth"]),
+    id="hardening",
+    sentence="the body yields, and the more it has yielded the more it bears",
+    shown=("presses of two depths, each with release",),
+    shapes={"strain": STRAINS, "growth": (0.2, 1.0)},
+)
+
+
 def _swelling_column(reading: Reading, shape: Shape) -> np.ndarray:
     up, down = (reading.stretched(1.0 + s * SMALL) for s in (-1.0, 1.0))
     return reading.stress((up - down) / (2.0 * SMALL))
@@ -106,5 +159,6 @@ INCLUSION = Effect(
     column=_inclusion_column,
     world=_inclusion_world,
     shown=("a press beside the middle",),
+    least=-1.0,
     shapes={"x": (), "y": (), "z": (), "radius": ()},  # of the body, so given by who seeks it
 )

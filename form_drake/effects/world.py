@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from form_drake.laws import Law, Values, law_named
+from form_drake.laws.memory import Memory
 
 EDGE = 0.25  # of a ball's radius, over which it fades
 
@@ -71,6 +72,10 @@ class World:
         swelling: stretch that the body has where it is free of stress, less one.
         inclusions: in the body.
         masses: that it carries.
+        friction: Coulomb's coefficient on faces that are stated to be frictionless.
+        adhesion: tension that they bear [Pa].
+        slipping: shear compliance of the bond to supports whose force is not measured [m/Pa].
+        memories: of its stress, see ``form_drake.laws.memory``.
     """
 
     law: Law
@@ -81,6 +86,10 @@ class World:
     swelling: float = 0.0
     inclusions: tuple[Inclusion, ...] = ()
     masses: tuple[AddedMass, ...] = ()
+    friction: float = 0.0
+    adhesion: float = 0.0
+    slipping: float = 0.0
+    memories: tuple[Memory, ...] = ()
 
     def added(self, name: str, **values: float) -> "World":
         """The world with an addition to the law, see ``form_drake.laws.ADDITIONS``."""

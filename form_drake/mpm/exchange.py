@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from form_drake.laws.memory import Memory
 from form_drake.material import Material
 from form_drake.mpm.model import Body, State
 from form_drake.mpm.simulation import Simulation
@@ -49,6 +50,7 @@ class Scene:
         gravity: [m/s^2], shape [3].
         mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
             time steps.
+        memories: of the bodies, see ``form_drake.laws.memory``.
         precision: ``float32`` or ``float64``.
         device: Warp device.
 
@@ -66,6 +68,7 @@ class Scene:
         dx: float,
         gravity: np.ndarray,
         mass_scale: float = 1.0,
+        memories: Sequence[Memory] = (),
         precision: str = "float32",
         device: str = "cpu",
     ):
@@ -92,7 +95,12 @@ class Scene:
             density = body.density if np.ndim(body.density) else material.density
             moved.append(replace(body, x=body.x - self.corner, density=density * mass_scale))
         self.simulation = Simulation(
-            solver, [m.law for m in materials], moved, tools=tools, device=device
+            solver,
+            [m.law for m in materials],
+            moved,
+            tools=tools,
+            memories=memories,
+            device=device,
         )
         for n, material in enumerate(materials):
             self.simulation.set_material(material.values, n)

@@ -52,6 +52,8 @@ class State:
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
         slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
         step: steps made so far.
+        parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
+        plastic: their plastic strains, shape [memories, particles].
     """
 
     x: np.ndarray
@@ -62,6 +64,8 @@ class State:
     tau: np.ndarray
     slip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     step: int = 0
+    parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
+    plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def stable_dt(

@@ -9,6 +9,7 @@ import warp as wp
 
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, update
+from form_drake.laws.memory import Memory, remember, vectors
 from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
 from form_drake.mpm.tools import Tool, Tools, decay
 from form_drake.mpm.transfer import g2p, p2g
@@ -34,6 +35,7 @@ class Simulation:
         law: of the body, or one for each body.
         body: one or several; their particles are held one body after the other.
         tools: that touch or hold the particles.
+        memories: of the bodies, whose laws are then elastic ones.
         device: Warp device.
 
     Several simulations may run in as many threads, since Warp releases the interpreter lock while
@@ -47,13 +49,16 @@ class Simulation:
         body: Body | Sequence[Body],
         *,
         tools: Sequence[Tool] = (),
+        memories: Sequence[Memory] = (),
         device: str = "cpu",
     ):
-        self.solver, self.device = solver, device
+        self.solver, self.device, self.memories = solver, device, tuple(memories)
         self.laws = (law,) if isinstance(law, Law) else tuple(law)
         self.bodies = (body,) if isinstance(body, Body) else tuple(body)
         if len(self.laws) != len(self.bodies) or not self.bodies:
             raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
+        if memories and any(law.flow != "elastic" for law in self.laws):
+            raise ValueError(f"{self.laws[0].name} remembers: only elastic laws can")
         self.body = joined(self.bodies)
         self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device)
         self._t = types(solver.precision)
@@ -86,6 +91,10 @@ class Simulation:
         self._L = self._C if solver.gradient == "mls" else wp.zeros_like(self._C)
         self._F = self._array(np.tile(np.eye(3), (n, 1, 1)), t.mat)
         self._tau = wp.zeros_like(self._C)
+        count = len(self.memories)
+        self._parts = wp.zeros((count, n), dtype=t.mat, device=self.device)
+        self._plastic = wp.zeros((count, n), dtype=t.real, device=self.device)
+        self._memories = self._array(vectors(self.memories), t.vec4)
         self._theta = [wp.zeros(len(w.terms), dtype=t.real, device=self.device) for w in self.laws]
         self._constants = [wp.zeros(2, dtype=t.vec4, device=self.device) for _ in self.laws]
         self._damping = wp.zeros(1, dtype=t.real, device=self.device)
@@ -135,12 +144,20 @@ class Simulation:
         """Let velocities decay at a rate [1/s], as for settling; 0 from the start."""
         self._damping.fill_(rate)
 
+    def set_memories(self, memories: Sequence[Memory]) -> None:
+        """Change what the parts forget; there are as many as from the start."""
+        self._memories.assign(vectors(memories).astype(self._dtype))
+
     def reset(self, x: np.ndarray, v: np.ndarray, **state: np.ndarray) -> None:
         """Start from positions and velocities, at rest shape unless C, L, F are given."""
         n = len(self.body.x)
         eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
         C = state.get("C", zero)
-        self._write(x=x, v=v, C=C, L=state.get("L", C), F=state.get("F", eye))
+        F = state.get("F", eye)
+        self._write(x=x, v=v, C=C, L=state.get("L", C), F=F)
+        if self.memories:
+            self._write(parts=np.tile(F, (len(self.memories), 1, 1, 1)))
+            self._plastic.zero_()
         self.tools.slip = np.zeros((len(self.tools.tools), n, 3))
         self.tools.forget()
         self._steps.zero_()
@@ -155,12 +172,16 @@ class Simulation:
             target = getattr(self, "_" + name)
             target.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
+    @property
+    def _kept(self) -> tuple[str, ...]:
+        """Arrays of the particles that a snapshot holds."""
+        kept = ("x", "v", "C", "L", "F", "tau")
+        return (*kept, "parts", "plastic") if self.memories else kept
+
     def state(self) -> State:
         """Snapshot of everything that the next step reads; its arrays are not written again."""
         if self._held is None:
-            arrays = {
-                k: getattr(self, "_" + k).numpy().copy() for k in ("x", "v", "C", "L", "F", "tau")
-            }
+            arrays = {k: getattr(self, "_" + k).numpy().copy() for k in self._kept}
             self._held = State(**arrays, slip=self.tools.slip, step=int(self._steps.numpy()[0]))
         return self._held
 
@@ -168,7 +189,7 @@ class Simulation:
         """Continue from a snapshot, bit for bit on the CPU."""
         if state is self._held:
             return
-        self._write(**{k: getattr(state, k) for k in ("x", "v", "C", "L", "F", "tau")})
+        self._write(**{k: getattr(state, k) for k in self._kept})
         if state.slip.size:
             self.tools.slip = state.slip
         self._steps.fill_(state.step)
@@ -200,9 +221,14 @@ class Simulation:
         ):
             own = slice(start, start + len(body.x))
             start = own.stop
-            inputs = [self._project, self._F[own], self._L[own], theta, constants, self._tau[own]]
             kernel = update(law, solver.decomposition, solver.precision)
-            self._launch(kernel, len(body.x), inputs)
+            inputs = [self._F[own], self._L[own], theta, constants]
+            more = []
+            if self.memories:
+                kernel = remember(law, solver.decomposition, solver.precision)
+                inputs = [self._clock, self._memories, *inputs]
+                more = [self._parts[:, own], self._plastic[:, own]]
+            self._launch(kernel, len(body.x), [self._project, *inputs, *more, self._tau[own]])
 
     def _launch_walls(self) -> None:
         precision, nodes = self.solver.precision, self._nodes

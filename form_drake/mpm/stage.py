@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from form_drake.effects.world import World
+from form_drake.laws.memory import NEVER
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
@@ -16,7 +17,7 @@ from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
 from form_drake.mpm.model import Body
 from form_drake.mpm.solids import Solid
-from form_drake.mpm.tools import Motions, Tool
+from form_drake.mpm.tools import Grip, Motions, Tool
 from form_drake.mpm.tracing import between
 from form_drake.records import Recording, Stream
 
@@ -83,6 +84,7 @@ class Stage:
             dx=dx,
             gravity=world.gravity,
             mass_scale=self.recording.mass_scale,
+            memories=world.memories,
             precision=self.precision,
             device=self.device,
         )
@@ -175,9 +177,18 @@ class _Play:
         snapshot = scene.start()
         if world.swelling:
             F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
-            snapshot = replace(snapshot, state=replace(snapshot.state, F=F))
+            parts = np.broadcast_to(F, (len(world.memories), *F.shape))
+            snapshot = replace(snapshot, state=replace(snapshot.state, F=F, parts=parts))
+        relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
+        scene.simulation.set_memories(relaxed)
         for _ in range(int(np.ceil(SETTLING / PERIOD))):
             snapshot = scene.advance(snapshot, still, PERIOD, CALM)
+        scene.simulation.set_memories(world.memories)
+        for n, (tool, path) in enumerate(zip(scene.tools, self.paths, strict=True)):
+            if tool.contact == 0.0:
+                scene.simulation.tools.grip(n, Grip(world.friction, world.adhesion))
+            elif path.tool not in self.recording.forces:
+                scene.simulation.tools.grip(n, Grip(compliance=world.slipping))
         frames, stamps, forces = [snapshot], [0.0], [snapshot.force]
         for start, end in pairwise(self._time):
             parts = int(np.ceil((end - start) / PERIOD - 1e-9))

@@ -1,8 +1,8 @@
 """Rigid tools that touch or hold the material, and the impulses that pass between them.
 
 A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
-into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, never
-pulling. Along the surface it is held where it touched: s being how far it has gone from there, it
+into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, pulling only
+where the tool is said to stick. Along the surface it is held where it touched: s being how far it has gone from there, it
 gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A bonded
 tool prescribes the velocity of the grid nodes inside it; a tied one holds the particles that are
 tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
@@ -22,6 +22,7 @@ from form_drake.mpm.solids import Solid, distance, solid_type
 # Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
 # load, a small one is a soft surface; 1 lets what hits the tool bounce back.
 BETA = 0.75
+REACH = 2e-4  # [m]
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,29 @@ class Tool:
                 f"tool {self.name}: contact {self.contact!r}; allowed are a coefficient of at least"
                 " 0, stick, tied and bonded"
             )
+
+
+@dataclass(frozen=True)
+class Grip:
+    """How a tool holds material along its surface, and off it.
+
+    Attributes:
+        friction: Coulomb's coefficient; negative: it cannot slip.
+        adhesion: tension that a touching tool bears [Pa]; it fades over ``REACH`` of distance.
+        compliance: of a layer in shear between a tied tool and what it holds [m/Pa].
+    """
+
+    friction: float = -1.0
+    adhesion: float = 0.0
+    compliance: float = 0.0
+
+    @property
+    def vector(self) -> tuple[float, float, float]:
+        return self.friction, self.adhesion, self.compliance
+
+
+def _grip(tool: Tool) -> Grip:
+    return Grip() if isinstance(tool.contact, str) else Grip(float(tool.contact))
 
 
 @dataclass(frozen=True)
@@ -85,6 +109,9 @@ class Tools:
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
+        self._grip = wp.array(
+            [_grip(tool).vector for tool in tools], dtype=t.vec3, device=device, ndim=1
+        )
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
@@ -92,6 +119,12 @@ class Tools:
         """Set places and velocities; from there on every step carries the tools on."""
         for target, value in zip(self._where(), vars(motions).values(), strict=True):
             target.assign(np.ascontiguousarray(value, dtype=self._dtype))
+
+    def grip(self, n: int, grip: "Grip") -> None:
+        """Change how the n-th tool holds what it touches or what is tied to it."""
+        grips = self._grip.numpy()
+        grips[n] = grip.vector
+        self._grip.assign(grips)
 
     def tie(self, tied: np.ndarray) -> None:
         """Say which particles are tied to which tool, shape [tools, particles]."""
@@ -123,11 +156,11 @@ class Tools:
         """Launch what the touching tools do to the particles before a step."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
             if tool.contact == "tied":
-                inputs = [n, *self._where(), clock, self._tied, x, v, mass, self._slip, self._taken]
+                inputs = [n, *self._where(), clock, self._grip, self._tied]
+                inputs += [x, v, mass, radius, self._slip, self._taken]
                 wp.launch(tie(self._precision), len(x), inputs, device=self.device)
             elif tool.contact != "bonded":
-                friction = -1.0 if tool.contact == "stick" else float(tool.contact)
-                inputs = [n, solid, *self._where(), clock, friction]
+                inputs = [n, solid, *self._where(), clock, self._grip]
                 inputs += [x, v, mass, radius, self._slip, self._taken]
                 wp.launch(contact(self._precision), len(x), inputs, device=self.device)
 
@@ -174,7 +207,7 @@ def contact(precision: str):
         speed: wp.array(dtype=vec3),
         spin: wp.array(dtype=vec3),
         clock: wp.array(dtype=t.vec4),
-        friction: real,
+        grips: wp.array(dtype=vec3),
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         mass: wp.array(dtype=real),
@@ -187,15 +220,27 @@ def contact(precision: str):
         near = far(solid, wp.transpose(turn[n]) * r)
         depth = radius[p] - near[3]
         dt = clock[0][0]
-        if depth <= real(0.0) or dt <= real(0.0):
+        grip = grips[n]
+        reach = real(0.0)
+        if grip[1] > real(0.0):
+            reach = real(REACH)
+        if depth <= -reach or dt <= real(0.0):
             slip[n, p] = vec3()
             return
         normal = turn[n] * vec3(near[0], near[1], near[2])
         u = v[p] - speed[n] - wp.cross(spin[n], r)
         along = wp.dot(normal, u)
         push = beta * depth / dt - along
+        pull = real(0.0)
+        if reach > real(0.0):
+            whole = real(4.0) * radius[p] * radius[p] * grip[1] * dt / mass[p]
+            pull = whole * wp.min(real(1.0) + depth / reach, real(1.0))
         if push <= real(0.0):
             slip[n, p] = vec3()
+            if pull > real(0.0):
+                pulled = wp.max(push, -pull) * normal
+                v[p] = v[p] + pulled
+                give(taken, n, r, -mass[p] * pulled)
             return
         gone = slip[n, p]
         sliding = u - along * normal
@@ -203,6 +248,7 @@ def contact(precision: str):
         wanted = sliding + (beta / dt) * gone
         size = wp.length(wanted)
         share = real(1.0)
+        friction = grip[0]
         if friction >= real(0.0) and size > friction * push:
             share = friction * push / size
         slip[n, p] = share * gone
@@ -215,7 +261,10 @@ def contact(precision: str):
 
 @cache
 def tie(precision: str):
-    """Kernel that holds the particles that are tied to one tool."""
+    """Kernel that holds the particles that are tied to one tool.
+
+    Along the surface they may be held by a layer that shears, and only up to Coulomb's bound.
+    """
     t = types(precision)
     real, vec3, give = t.real, t.vec3, _give(precision)
     beta = wp.constant(real(BETA))
@@ -228,10 +277,12 @@ def tie(precision: str):
         speed: wp.array(dtype=vec3),
         spin: wp.array(dtype=vec3),
         clock: wp.array(dtype=t.vec4),
+        grips: wp.array(dtype=vec3),
         tied: wp.array2d(dtype=wp.bool),
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         mass: wp.array(dtype=real),
+        radius: wp.array(dtype=real),
         slip: wp.array2d(dtype=vec3),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
@@ -242,10 +293,27 @@ def tie(precision: str):
         r = x[p] - place[n]
         u = v[p] - speed[n] - wp.cross(spin[n], r)
         gone = slip[n, p] + dt * u
+        wanted = u + (beta / dt) * gone
+        grip = grips[n]
+        if grip[0] >= real(0.0) or grip[2] > real(0.0):
+            normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
+            push = -wp.dot(normal, wanted)
+            sliding = wanted + push * normal
+            area = real(4.0) * radius[p] * radius[p]
+            # the implicit step of a spring, which ends as what holds without compliance
+            stiff = real(1.0) / (real(1.0) + grip[2] * mass[p] / (area * dt * dt))
+            along = gone - wp.dot(normal, gone) * normal
+            sliding = stiff * (sliding + (real(1.0) - beta) * (real(1.0) - stiff) / dt * along)
+            size = wp.length(sliding)
+            most = grip[0] * wp.max(push, real(0.0))
+            if grip[0] >= real(0.0) and size > most:
+                share = most / size
+                gone = gone - (real(1.0) - share) * along
+                sliding = share * sliding
+            wanted = sliding - push * normal
         slip[n, p] = gone
-        change = -u - (beta / dt) * gone
-        v[p] = v[p] + change
-        give(taken, n, r, -mass[p] * change)
+        v[p] = v[p] - wanted
+        give(taken, n, r, mass[p] * wanted)
 
     return kernel
 

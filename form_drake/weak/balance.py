@@ -22,6 +22,7 @@ from typing import Protocol
 import numpy as np
 
 from form_drake.motion import Motion
+from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Fields
 
@@ -72,6 +73,8 @@ def balance(fields: Fields, motion: Motion, gravity: np.ndarray) -> Balance:
     """Integrals of ``fields`` along a motion under ``gravity`` [m/s^2], shape [3]."""
     if isinstance(fields, CurlFields):
         return _Curled(fields, motion, gravity)
+    if isinstance(fields, HeldFields):
+        return Held(fields, motion, gravity)
     return (Fixed if fields.fixed else _Moving)(fields, motion, gravity)
 
 
@@ -174,6 +177,25 @@ class Fixed:
         v = self.motion.v
         met = (rate @ _flat(v)).reshape(len(chi), -1, 3)
         return _by_point(met + chi.sum(axis=1)[:, None, None] * self.gravity, self._tables[0])
+
+
+@dataclass(frozen=True)
+class Held(Fixed):
+    """How far faces have gone, in place of a balance."""
+
+    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        return np.zeros((len(chi), len(self.fields.names)))
+
+    @cached_property
+    def rest(self) -> Rest:
+        gone = STIFFNESS * _against(self._tables[0], self.motion.x - self.motion.X)
+        return Rest(gone, np.zeros_like(gone), np.zeros_like(gone))
+
+    def stress_by_point(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
+        return np.zeros((len(chi), len(self.fields.names), len(self.motion.X)))
+
+    def mass_by_point(self, chi: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        return self.stress_by_point(self.motion.F, chi)
 
 
 def _by_point(met: np.ndarray, weights: np.ndarray) -> np.ndarray:

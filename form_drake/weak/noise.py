@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.motion import Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
 from form_drake.weak.balance import forces, runs
+from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.fields import Fields
 from form_drake.weak.windows import Windows
 
@@ -109,6 +110,9 @@ def slopes(
 ) -> Slopes:
     """Derivatives at the times ``at`` (indices)."""
     looks = motion.at(at)
+    if isinstance(fields, HeldFields):
+        now = _by_value(-STIFFNESS * fields.at(looks).value, bases).swapaxes(1, 2).copy()
+        return Slopes(now, np.zeros_like(now), np.zeros_like(now) if rates else None)
 
     def pushed(dF: np.ndarray, dL: np.ndarray) -> np.ndarray:
         tau, paired = stress(looks.F + dF, looks.L + dL, at)

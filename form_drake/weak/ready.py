@@ -7,6 +7,7 @@ import numpy as np
 
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
 from form_drake.records import Recording
+from form_drake.weak.contact import HeldFields
 from form_drake.weak.fields import Exchanged, Fields, Mirrored
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
@@ -45,6 +46,7 @@ def prepared(
     def sampled(cells: list[np.ndarray], points: int) -> Sampling:
         X, volume = shape.gauss(cells, points)
         volume = 2.0 ** len(mirrors) * volume
+        X, volume = beside(X, volume, fields)
         if exchange:
             X, volume = _halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
@@ -143,13 +145,22 @@ def _halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.n
     return X[kept], (volume * np.where(apart > near, 2.0, 1.0))[kept]
 
 
+def beside(
+    X: np.ndarray, volume: np.ndarray, fields: Sequence[Fields]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Quadrature points [m] and volumes [m^3], and points without volume that fields look at."""
+    more = [f.points for f in fields if isinstance(f, HeldFields)]
+    none = np.zeros(sum(map(len, more)))
+    return np.concatenate([X, *more]), np.concatenate([volume, none])
+
+
 def quadrature_cells(
     fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int] = ()
 ) -> list[np.ndarray]:
     """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
     found = []
     for a, axis in enumerate(fit.space.scalar.axes):
-        ends = [axis.breaks, *(f.breaks[a] for f in fields)]
+        ends = [axis.breaks, *(f.breaks[a] for f in fields if f.breaks)]
         if a in mirrors:
             middle = 0.5 * (shape.low[a] + shape.high[a])
             ends = [np.append(e[e < middle], middle) for e in ends]

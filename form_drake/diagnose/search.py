@@ -1,0 +1,133 @@
+"""The twin that is nearest to the data: Marquardt's steps, of which every one teaches the next.
+
+The columns of a twin are derivatives along its motion. What a step has really changed mends them
+(Broyden 1965), also where it went too far.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.identify.problem import Problem
+
+PASSES = 10  # simulations, at most
+SETTLED = 0.3  # standard deviations that are no change
+SAME = 0.5  # of a whitened gap's square that is left to gain, which is not worth a simulation
+MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
+FIRST, LARGER = 0.03, 10.0  # damping of a step that went too far, and by how much it grows
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where a search is.
+
+    Attributes:
+        match: the nearest twin so far.
+        mended: what to add to its columns, shape [rows, unknowns].
+        damping: of the next step.
+    """
+
+    match: Match
+    mended: np.ndarray
+    damping: float = 0.0
+
+    @classmethod
+    def of(cls, match: Match) -> "Search":
+        return cls(match, np.zeros(match.slopes.shape))
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        """Whitened, shape [rows, unknowns]."""
+        return self.match.by.white(self.match.slopes + self.mended)
+
+    def _wanted(self, damping: float) -> np.ndarray:
+        """Change of the unknowns: the law's, nonlinear ones last, then the causes'."""
+        columns = self._columns
+        length = np.linalg.norm(columns, axis=0)
+        ridge = np.sqrt(damping) * np.eye(len(length))
+        rest = np.concatenate([self.match.gap, np.zeros(len(length))])
+        found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]
+        return np.asarray(found / length)
+
+    def _change(self, damping: float) -> np.ndarray:
+        """The same within the bounds of the unknowns."""
+        own, *causes = np.split(self._wanted(damping), self.match.parts)
+        phi = self._phi
+        least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
+        own[: len(phi)] = np.clip(own[: len(phi)], least * np.abs(phi), most * np.abs(phi))
+        own[len(phi) :] = np.clip(own[len(phi) :], -MOST, MOST)
+        moves = [c.within(d) for c, d in zip(self.match.model.causes, causes, strict=True)]
+        return np.concatenate([own, *moves])
+
+    @property
+    def _phi(self) -> np.ndarray:
+        """The unknowns that the law is linear in."""
+        return np.array([self.match.model.values[k] for k in self.match.problem.unknowns.keys])
+
+    @property
+    def settled(self) -> bool:
+        """Whether a step would change no unknown, or gain nothing."""
+        gain = np.sum((self._columns @ self._wanted(0.0)) ** 2)
+        small = np.abs(self._change(0.0)) < SETTLED * self.match.std
+        return bool(gain < SAME or small.all())
+
+    def model(self, change: np.ndarray) -> Model:
+        """After a change of the unknowns."""
+        match = self.match
+        unknowns, model = match.problem.unknowns, match.model
+        eta, _ = match.twin.coordinates(model.values)
+        own, *causes = np.split(change, match.parts)
+        phi, eta = self._phi + own[: len(self._phi)], eta + own[len(self._phi) :]
+        theta = unknowns.theta(phi)
+        values = {**model.values, **match.problem.values(eta)}
+        values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
+        moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
+        return replace(model, values=values, causes=tuple(moved))
+
+    def stepped(self) -> "Search":
+        """After one more simulation."""
+        match, change = self.match, self._change(self.damping)
+        damped = max(LARGER * self.damping, FIRST)
+        try:
+            after = Match.of(match.problem, match.scenes, self.model(change))
+        except ValueError:  # the simulation does not stand the step
+            if damped > LARGER**3:
+                raise
+            return replace(self, damping=damped)
+        weight = change / match.std**2
+        missed = match.apart - after.apart - (match.slopes + self.mended) @ change
+        taught = self.mended + np.outer(missed, weight) / (weight @ change)
+        if np.sum(after.gap**2) > np.sum(match.gap**2):
+            return replace(self, mended=taught, damping=damped)
+        less = self.damping / LARGER
+        return Search(after, taught, less if less > FIRST / LARGER else 0.0)
+
+
+def matched(
+    problem: Problem,
+    scenes: Scenes,
+    start: Model,
+    progress: Callable[[Search], None] = lambda search: None,
+) -> Match:
+    """The twin nearest to the data.
+
+    Args:
+        problem: probes of the data and unknowns of the law.
+        scenes: of the recordings.
+        start: model to begin with.
+        progress: hears where the search is.
+
+    Raises:
+        ValueError: the scenes cannot be simulated.
+    """
+    search = Search.of(Match.of(problem, scenes, start))
+    for _ in range(PASSES - 1):
+        progress(search)
+        if search.settled:
+            break
+        search = search.stepped()
+    return search.match
