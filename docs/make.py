@@ -107,6 +107,8 @@ API = {
         "form_drake.diagnose.score.scores",
         "form_drake.diagnose.score.coherence",
         "form_drake.diagnose.score.Score",
+        "form_drake.diagnose.ledger.ledgers",
+        "form_drake.diagnose.ledger.Ledger",
     ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",

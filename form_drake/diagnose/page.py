@@ -3,8 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from form_drake.diagnose.diagnosis import Diagnosis
-from form_drake.diagnose.figures import gaps, overlay, ranking, where
+from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
+from form_drake.diagnose.ledger import Ledger
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
@@ -17,9 +20,30 @@ UNVERIFIED = (
 )
 
 
-def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path) -> None:
-    """Write the page."""
+def diagnosis_page(
+    found: Diagnosis,
+    thresholds: Mapping[str, float],
+    path: Path,
+) -> None:
+    """Write the page.
+
+    Args:
+        found: of a diagnosis.
+        thresholds: scores by effect's id that nothing missing may reach.
+        path: of the page.
+    """
     page = Report(found.sentence())
+    _specimen(page, found)
+    _left(page, found)
+    _passes(page, found, thresholds)
+    if found.channels:
+        _held_out(page, found)
+    page.heading("Not verified")
+    page.paragraph(UNVERIFIED)
+    page.write(path)
+
+
+def _specimen(page: Report, found: Diagnosis) -> None:
     last = found.naming.model
     page.heading("The specimen")
     rows = [
@@ -41,6 +65,41 @@ def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path
                 for c in last.causes
             ],
         )
+
+
+def _left(page: Report, found: Diagnosis) -> None:
+    """Where and when something is left, before anything was added and at the end."""
+    before, after = found.ledgers[0], found.ledgers[-1]
+    page.heading("Where and when")
+    page.table(
+        ["ledger", "rows", "mean square before", "after", "onset before [s]", "after [s]"],
+        [row for pair in zip(before, after, strict=True) for row in _ledger_rows(*pair)],
+    )
+    page.paragraph(
+        "Mean squares are in units of the noise: one where nothing but noise is left. The onset is the"
+        " middle of the first of two windows running in which more is left than noise leaves in one"
+        " window of a thousand; what the grid costs can be more than that from the start."
+    )
+    caption = "Where it is left in the body free of stress, looking along each axis"
+    circles = any("radius" in c.shape for c in found.naming.model.causes)
+    caption += "; circles: what was found there." if circles else "."
+    page.figure(places(before, after, found.naming.model.causes), caption)
+    page.figure(moments(before, after), "When it is left.")
+
+
+def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
+    rows = []
+    for tool, name in ((False, "interior"), (True, "force on tools")):
+        means = [one.mean(tool=tool) for one in (before, after)]
+        if None in means:
+            continue
+        starts = ["never" if one.onset is None else f"{one.onset:.2f}" for one in (before, after)]
+        count = str(int(np.sum(before.tool == tool)))
+        rows.append([f"{before.name}, {name}", count, *(f"{m:.3g}" for m in means), *starts])
+    return rows
+
+
+def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> None:
     for n, one in enumerate(found.naming.passes, start=1):
         page.heading(f"Pass {n}: {_added(one.best)}")
         left = float(one.match.left @ one.match.left / len(one.match.left))
@@ -50,27 +109,26 @@ def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path
         if one.rivals:
             page.paragraph(f"Nearly as good: {', '.join(one.rivals)}.")
         page.figure(ranking(one.ranked, thresholds, LEAST), "How much each effect explains.")
-        page.figure(where(one.match), "Where and when the balance is not closed.")
-    if found.channels:
-        page.heading("Held-out motion")
-        page.table(
-            ["", "before", "after", "floor", "grid", "closed"],
+        page.figure(where(one.match), "What is left of every test field.")
+
+
+def _held_out(page: Report, found: Diagnosis) -> None:
+    page.heading("Held-out motion")
+    page.table(
+        ["", "before", "after", "floor", "grid", "closed"],
+        [
             [
-                [
-                    c.name,
-                    *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
-                    f"{100.0 * c.closure:.0f} %" if c.counts else "too near to floor or grid",
-                ]
-                for c in found.channels
-            ],
-        )
-        page.figure(gaps(found.channels), "Errors before and after.")
-        before, after = found.simulated
-        for seen, a, b in zip(found.measured, before, after, strict=True):
-            page.figure(overlay(seen, a, b), "Measured and predicted.")
-    page.heading("Not verified")
-    page.paragraph(UNVERIFIED)
-    page.write(path)
+                c.name,
+                *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
+                f"{100.0 * c.closure:.0f} %" if c.counts else "too near to floor or grid",
+            ]
+            for c in found.channels
+        ],
+    )
+    page.figure(gaps(found.channels), "Errors before and after.")
+    before, after = found.simulated
+    for seen, a, b in zip(found.measured, before, after, strict=True):
+        page.figure(overlay(seen, a, b), "Measured and predicted.")
 
 
 def _added(best: Score | None) -> str:

@@ -1,0 +1,188 @@
+"""What the report of a diagnosis shows beside its verdict; probes are read, nothing is simulated."""
+
+import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from form_drake.diagnose import Cause, Diagnosis, Model
+from form_drake.diagnose.figures import places
+from form_drake.diagnose.ledger import CELLS, _apart, ledgers
+from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose.prepare import probe as read_probe
+from form_drake.diagnose.score import Score
+from form_drake.diagnose.verdict import Found, Naming
+from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.records import Recording, Stream
+from form_drake.weak.solve import Weights
+
+FRAMES, RATE = 91, 60.0
+LOW, SIZE = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
+
+
+def block(points=60):
+    """A block under a bonded plate that presses it a little."""
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.04, 0.96, (points, 3))
+    t = np.arange(FRAMES) / RATE
+    stretch = np.ones((len(t), 1, 3))
+    stretch[:, 0, 2] -= 0.02 * np.sin(t) ** 2
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, 2, 3] = 0.02 * stretch[:, 0, 2]
+    return Recording.from_arrays(
+        t,
+        X * stretch,
+        p_reference=X,
+        noise=1e-5,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
+        poses={"plate": Stream(t, pose)},
+        forces={"plate": Stream(t, np.zeros((len(t), 3)), noise=0.01)},
+    )
+
+
+PROBE = read_probe(block(), "probe 1", 0.0025)
+FIELDS = len(PROBE.fields[0].names)
+
+
+def covariance(rows):
+    """Of rows that have much in common with their neighbours."""
+    n = np.arange(rows)
+    size = 1.0 + 0.5 * np.sin(n)
+    return np.exp(-np.abs(n[:, None] - n) / 3.0) * np.outer(size, size)
+
+
+ROWS = int(PROBE.keep.sum())
+BY = Weights((np.linalg.cholesky(covariance(ROWS)),), 0.0)
+
+
+def left(more=0.0, seed=0):
+    """A match of one probe whose rows hold noise, and more of it (standard deviations)."""
+    noise = np.random.default_rng(seed).standard_normal(ROWS)
+    more = more * np.sqrt(np.diag(covariance(ROWS)))
+    return SimpleNamespace(
+        left=noise + BY.white(more), by=BY, twin=SimpleNamespace(probes=(PROBE,))
+    )
+
+
+def hidden(first, corner):
+    """Rows from a window on whose fields are largest in one corner, shape [rows]."""
+    (ledger,) = ledgers(left())
+    cells = ledger.share.reshape(FIELDS, *3 * (2, CELLS // 2)).sum(axis=(2, 4, 6))
+    near = cells[(slice(None), *corner)] > 0.6
+    assert 0 < near.sum() < FIELDS / 4
+    return (ledger.window >= first) & near[ledger.field]
+
+
+def test_noise_alone_is_nowhere_and_never():
+    (ledger,) = ledgers(left())
+    assert ledger.onset is None
+    assert ledger.square.mean() == pytest.approx(1.0, abs=0.15)
+    own = ledger.window == 5  # chi-square by its own covariance
+    rest = (BY.factors[0] @ left().left)[own]
+    spent = rest @ np.linalg.solve(covariance(ROWS)[np.ix_(own, own)], rest)
+    assert ledger.spent[5] == pytest.approx(spent)
+    assert np.all(np.abs(ledger.heat) < 0.6)
+    assert sum(ledgers(left(seed=n))[0].onset is not None for n in range(8)) == 0
+
+
+@pytest.mark.parametrize(("first", "corner"), [(0, (0, 0, 0)), (4, (1, 0, 1))])
+def test_what_is_left_has_its_moment_and_its_place(first, corner):
+    (ledger,) = ledgers(left(4.0 * hidden(first, corner)))
+    assert ledger.onset == pytest.approx(ledger.time[first])
+    hottest = np.unravel_index(np.argmax(ledger.heat), ledger.heat.shape)
+    assert tuple(n // (CELLS // 2) for n in hottest) == corner
+    far = ledger.heat[tuple(slice(0, 2) if c else slice(-2, None) for c in corner)]
+    assert np.all(far < 0.2 * ledger.heat.max())
+
+
+def test_one_window_alone_is_no_onset():
+    (ledger,) = ledgers(left())
+    assert ledgers(left(6.0 * (ledger.window == 3)))[0].onset is None
+
+
+def test_rows_that_carry_the_force_are_the_tools():
+    (ledger,) = ledgers(left())
+    names = np.array(PROBE.fields[0].names)
+    assert set(names[ledger.field[ledger.tool]]) == {f"{a} with plate" for a in "xyz"}
+    (ledger,) = ledgers(left(5.0 * ledger.tool))
+    assert ledger.mean(tool=True) > 5.0 and ledger.mean(tool=False) < 3.0
+    assert replace(ledger, tool=ledger.tool & False).mean(tool=True) is None
+
+
+def test_whitened_rows_keep_their_places():
+    C = covariance(12)
+    scale = np.sqrt(np.diag(C))
+    size, axes = np.linalg.eigh(C / np.outer(scale, scale))
+    root = scale[:, None] * ((axes * np.sqrt(size)) @ axes.T)  # nearest to the rows themselves
+    assert np.stack([_apart(C, column) for column in root.T]) == pytest.approx(np.eye(12))
+
+
+def found(best, ranked, alike=(), rivals=(), forces=({"plate": None}, {})):
+    """A pass with scores of effects by their limits."""
+    scores = {
+        name: Score(CATALOGUE[name], {}, 1.0, 0.2 * limit, 90.0, limit, np.zeros(1))
+        for name, limit in ranked.items()
+    }
+    probes = tuple(SimpleNamespace(forces=f) for f in forces)
+    match = SimpleNamespace(problem=SimpleNamespace(probes=probes))
+    return Found(match, tuple(scores.values()), scores.get(best), alike, rivals)
+
+
+LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}
+
+
+BALL = {"x": 5e-3, "y": -5e-3, "z": 15e-3, "radius": 4e-3}
+
+
+@pytest.fixture(scope="module")
+def diagnosis():
+    """An inclusion that was found, and that left more than noise from the fifth window on."""
+    inclusion = CATALOGUE["inclusion"]
+    limits = LIMITS | {"inclusion": 0.3}
+    passes = []
+    for best, rows in (("inclusion", 4.0 * hidden(4, (1, 0, 1))), (None, 0.0)):
+        ranked = {k: v for k, v in limits.items() if best or k != "inclusion"}
+        one = found(best, ranked, rivals=("density",) if best else ())
+        match = SimpleNamespace(**vars(left(rows)), problem=SimpleNamespace(probes=(PROBE,)))
+        passes.append(replace(one, match=match))
+    law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
+    model = Model(law, values, (Cause(inclusion, 2.0, BALL, 0.1),))
+    added = Naming(tuple(passes), model, model.causes, "ambiguous")
+    return Diagnosis(added, Model(law, values), (), 1000.0)
+
+
+def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):
+    told = json.loads(json.dumps(diagnosis.to_json()))
+    start = pytest.approx(float(PROBE.windows.ends[4].mean()))
+    assert told["effects"][0]["onset"] == {"probe 1": start}
+    first, last = (one["ledgers"][0] for one in told["passes"])
+    assert first["onset"] == start and first["interior"] > 1.2
+    assert last["onset"] is None and last["interior"] == pytest.approx(1.0, abs=0.15)
+
+
+def test_both_maps_have_one_scale_and_show_the_place(diagnosis):
+    figure = places(*diagnosis.ledgers, diagnosis.naming.model.causes)
+    shown = [axes for axes in figure.axes if axes.images]
+    assert len(shown) == 6
+    assert len({axes.images[0].get_clim() for axes in shown}) == 1
+    centres = [axes.patches[0].center for axes in shown]
+    assert np.allclose(centres[:3], [(-5.0, 15.0), (5.0, 15.0), (5.0, -5.0)])  # along x, y, z
+    corner = [(0, 1), (1, 1), (1, 0)]  # across and up: where the ball is
+    for before, after, wanted in zip(shown[:3], shown[3:], corner, strict=True):
+        first, last = (axes.images[0].get_array() for axes in (before, after))
+        up, across = np.unravel_index(np.argmax(first), first.shape)
+        assert (across // (CELLS // 2), up // (CELLS // 2)) == wanted
+        assert last.max() < 0.3 * first.max()
+
+
+def test_the_page_says_where_and_when(diagnosis, tmp_path):
+    diagnosis_page(diagnosis, {}, tmp_path / "r.html")
+    page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
+    assert "Where and when" in page and "circles: what was found there" in page
+    assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
