@@ -109,6 +109,9 @@ API = {
         "form_drake.diagnose.score.Score",
         "form_drake.diagnose.ledger.ledgers",
         "form_drake.diagnose.ledger.Ledger",
+        "form_drake.diagnose.advice.Advice",
+        "form_drake.diagnose.advice.Limit",
+        "form_drake.diagnose.advice.Apart",
     ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",

@@ -2,13 +2,19 @@
 
 import json
 import re
+import shlex
 from dataclasses import replace
+from html import escape
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from form_drake.__main__ import _parse
+from form_drake.commands.diagnose import Diagnose
 from form_drake.diagnose import Cause, Diagnosis, Model
+from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.figures import places
 from form_drake.diagnose.ledger import CELLS, _apart, ledgers
 from form_drake.diagnose.page import diagnosis_page
@@ -137,6 +143,57 @@ def found(best, ranked, alike=(), rivals=(), forces=({"plate": None}, {})):
 LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}
 
 
+def naming(first, verdict="named"):
+    cause = Cause(CATALOGUE["force-gain"], 0.05, {}, 0.001)
+    last = found(None, {k: v for k, v in LIMITS.items() if k != "force-gain"})
+    return Naming((first, last), None, (cause,), verdict)
+
+
+def test_limits_stand_beside_what_is_likely():
+    advice = Advice.of(naming(found("force-gain", LIMITS)), "named")
+    sizes = {one.effect.id: one.size for one in advice.limits}
+    assert sizes == LIMITS | {
+        "force-gain": pytest.approx(0.005)
+    }  # five deviations of what was found
+    missed = {one.effect.id: one.missed for one in advice.limits}
+    assert list(missed.values()) == sorted(missed.values())
+    assert missed["eigenstrain"] == 0.0 and missed["drag"] == 1.0
+    assert missed["damping"] == pytest.approx(1 / 3)  # from 1 to 1000 Pa s
+    assert [one.effect.id for one in advice.blind] == ["drag"]
+    assert advice.sentences() == ("drag of any likely size would not be seen; shown by: shake.",)
+
+
+def test_what_is_not_told_apart_is_shown_by_what_is_not_there_yet():
+    first = found("force-gain", LIMITS, alike=("density",), rivals=("eigenstrain",))
+    advice = Advice.of(naming(first), "ambiguous")
+    density, swelling = advice.apart
+    assert density.sentence() == (  # a shake is there already
+        "To tell force-gain from density: a known weight (shows force-gain); a balance (shows"
+        " density)."
+    )
+    assert swelling.other.id == "eigenstrain"
+    told = advice.to_json()
+    assert told["apart"][0]["other"] == "density" and told["next"][0] == density.sentence()
+    first = found("force-gain", LIMITS, alike=("density",), forces=({"plate": None},))
+    (pair,) = Advice.of(naming(first), "named").apart
+    assert ("shake", ("density",)) in pair.shown
+    assert pair.shown[-1][0] != "press"
+
+
+def test_what_shows_both_comes_last():
+    ranked = {"eigenstrain": 1e-4, "camera-scale": 1e-4}
+    advice = Advice.of(naming(found("eigenstrain", ranked, alike=("camera-scale",))), "named")
+    assert advice.apart[0].shown == (
+        ("a ruler", ("camera-scale",)),
+        ("a look at the bonded edge", ("eigenstrain", "camera-scale")),
+    )
+
+
+def test_what_no_effect_explains_asks_for_one():
+    advice = Advice.of(naming(found("force-gain", LIMITS)), "unnamed")
+    assert "--effects" in advice.sentences()[0]
+
+
 BALL = {"x": 5e-3, "y": -5e-3, "z": 15e-3, "radius": 4e-3}
 
 
@@ -164,6 +221,7 @@ def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):
     first, last = (one["ledgers"][0] for one in told["passes"])
     assert first["onset"] == start and first["interior"] > 1.2
     assert last["onset"] is None and last["interior"] == pytest.approx(1.0, abs=0.15)
+    assert told["advice"]["apart"][0]["other"] == "density"
 
 
 def test_both_maps_have_one_scale_and_show_the_place(diagnosis):
@@ -181,8 +239,25 @@ def test_both_maps_have_one_scale_and_show_the_place(diagnosis):
         assert last.max() < 0.3 * first.max()
 
 
-def test_the_page_says_where_and_when(diagnosis, tmp_path):
-    diagnosis_page(diagnosis, {}, tmp_path / "r.html")
+def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
+    command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
+    diagnosis_page(diagnosis, {"damping": 100.0}, tmp_path / "r.html", command=command)
     page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
     assert "Where and when" in page and "circles: what was found there" in page
     assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
+    assert "To tell inclusion from density" in page and escape(command) in page
+    assert "<td>damping</td><td>10</td><td>20</td><td>1 to 1000</td>" in page  # ten deviations
+    assert "<td>drag</td><td>over 100</td>" in page
+
+
+def test_the_next_command_is_the_same_with_one_recording_more():
+    own = Diagnose(
+        recording=(Path("my press.h5"), Path("shake.h5")),
+        law="yeoh",
+        holdout=(Path("a.h5"), Path("b.h5")),
+        effects=Path("own.py"),
+        dx=0.002,
+    )
+    first, *words = shlex.split(own._again(Path("runs/x")))
+    more = replace(own, recording=(*own.recording, Path("NEXT.h5")), out=Path("runs/x-next"))
+    assert first == "form-drake" and _parse(words) == more

@@ -1,5 +1,6 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,12 +72,25 @@ class Diagnose:
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
         )
+        told, command = found.to_json(), self._again(out)
+        told["advice"]["command"] = command
         with whole_folder(out) as folder:
-            write_json(folder / "discrepancy.json", found.to_json())
+            write_json(folder / "discrepancy.json", told)
             found.material.write(folder / "material.yaml")
-            diagnosis_page(found, limits, folder / "report.html")
-        emit(_table(found), found.to_json(), as_json=self.json)
+            page = folder / "report.html"
+            diagnosis_page(found, limits, page, command=command)
+        emit(_table(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
+
+    def _again(self, out: Path) -> str:
+        """The command that diagnoses again with a further recording."""
+        words = ["form-drake", "diagnose", *map(str, self.recording), "NEXT.h5"]
+        for name in ("material", "law", "effects", "dx"):
+            value = getattr(self, name)
+            words += [f"--{name}", str(value)] if value is not None else []
+        words += ["--device", self.device] if self.device != "cpu" else []
+        words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
+        return shlex.join([*words, "--out", f"{out}-next"])
 
     def _law(self, recording: Recording) -> str:
         law = self.law or recording.law

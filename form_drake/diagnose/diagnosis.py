@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.prepare import read
@@ -52,6 +53,11 @@ class Diagnosis:
     def ledgers(self) -> tuple[tuple[Ledger, ...], ...]:
         """What is left in every pass, probe by probe."""
         return tuple(ledgers(one.match) for one in self.naming.passes)
+
+    @property
+    def advice(self) -> Advice:
+        """What these recordings can show, and what to record next."""
+        return Advice.of(self.naming, self.verdict)
 
     @property
     def material(self) -> Material:
@@ -106,6 +112,7 @@ class Diagnosis:
                 }
                 for p, left in zip(passes, self.ledgers, strict=True)
             ],
+            "advice": self.advice.to_json(),
             "gap": [
                 {
                     "channel": c.name,

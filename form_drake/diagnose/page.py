@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from form_drake.diagnose.advice import Limit
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
 from form_drake.diagnose.ledger import Ledger
-from form_drake.diagnose.score import Score
+from form_drake.diagnose.score import DETECTED, Score
 from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
 
@@ -24,6 +25,8 @@ def diagnosis_page(
     found: Diagnosis,
     thresholds: Mapping[str, float],
     path: Path,
+    *,
+    command: str = "",
 ) -> None:
     """Write the page.
 
@@ -31,6 +34,7 @@ def diagnosis_page(
         found: of a diagnosis.
         thresholds: scores by effect's id that nothing missing may reach.
         path: of the page.
+        command: that diagnoses again with a further recording.
     """
     page = Report(found.sentence())
     _specimen(page, found)
@@ -38,6 +42,7 @@ def diagnosis_page(
     _passes(page, found, thresholds)
     if found.channels:
         _held_out(page, found)
+    _next(page, found, thresholds, command)
     page.heading("Not verified")
     page.paragraph(UNVERIFIED)
     page.write(path)
@@ -129,6 +134,45 @@ def _held_out(page: Report, found: Diagnosis) -> None:
     before, after = found.simulated
     for seen, a, b in zip(found.measured, before, after, strict=True):
         page.figure(overlay(seen, a, b), "Measured and predicted.")
+
+
+def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str) -> None:
+    """What these recordings can show, and what to record next."""
+    advice = found.advice
+    page.heading("What to record next")
+    for sentence in advice.sentences() or ("These recordings leave nothing open.",):
+        page.paragraph(sentence)
+    if command:
+        page.paragraph(f"With a further recording NEXT.h5: {command}")
+    page.table(
+        ["effect", "seen from", "named from", "likely sizes", "unit", "missed"],
+        [
+            [
+                one.effect.id,
+                *(_size(one, share) for share in (1.0, _naming(one, thresholds))),
+                " to ".join(f"{v:g}" for v in one.effect.prior),
+                one.effect.unit,
+                f"{100.0 * one.missed:.0f} %",
+            ]
+            for one in advice.limits
+        ],
+    )
+    page.paragraph(
+        "Seen are five standard deviations, at the place and direction at which the effect explains"
+        " most; named is what exceeds its threshold. Missed are likely sizes, evenly by their"
+        " logarithm, that are not seen."
+    )
+
+
+def _naming(one: Limit, thresholds: Mapping[str, float]) -> float:
+    """Times the least size that is seen, at which a score exceeds its threshold."""
+    wanted = max(thresholds.get(one.effect.id, 0.0), LEAST)
+    return float(np.sqrt(wanted)) / DETECTED
+
+
+def _size(one: Limit, share: float) -> str:
+    size = share * one.size
+    return f"{size:.2g}" if size < one.effect.prior[1] else f"over {one.effect.prior[1]:g}"
 
 
 def _added(best: Score | None) -> str:
