@@ -112,6 +112,7 @@ API = {
         "form_drake.diagnose.advice.Advice",
         "form_drake.diagnose.advice.Limit",
         "form_drake.diagnose.advice.Apart",
+        "form_drake.systems.before_after.write_before_after",
     ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",

@@ -3,6 +3,9 @@
 import json
 import re
 import shlex
+import shutil
+import subprocess
+import warnings
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -10,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from form_drake.__main__ import _parse
 from form_drake.commands.diagnose import Diagnose
@@ -24,6 +28,7 @@ from form_drake.diagnose.verdict import Found, Naming
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
+from form_drake.systems.before_after import APART, Beside, write_before_after
 from form_drake.weak.solve import Weights
 
 FRAMES, RATE = 91, 60.0
@@ -160,7 +165,9 @@ def test_limits_stand_beside_what_is_likely():
     assert missed["eigenstrain"] == 0.0 and missed["drag"] == 1.0
     assert missed["damping"] == pytest.approx(1 / 3)  # from 1 to 1000 Pa s
     assert [one.effect.id for one in advice.blind] == ["drag"]
-    assert advice.sentences() == ("drag of any likely size would not be seen; shown by: shake.",)
+    assert advice.sentences() == (
+        "drag of any likely size would not be seen; shown by: shake, stronger or longer.",
+    )
 
 
 def test_what_is_not_told_apart_is_shown_by_what_is_not_there_yet():
@@ -239,6 +246,21 @@ def test_both_maps_have_one_scale_and_show_the_place(diagnosis):
         assert last.max() < 0.3 * first.max()
 
 
+def test_cells_that_no_row_sees_stay_blank(diagnosis):
+    share = diagnosis.ledgers[0][0].share.copy()
+    share[..., 0] = 0.0  # fields that keep clear of the floor
+    own = [replace(one, share=share) for (one,) in diagnosis.ledgers]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = places(own[:1], own[1:])
+    values = figure.axes[0].images[0].get_array()
+    assert np.ma.getmaskarray(np.ma.masked_invalid(values)).sum(axis=1).tolist() == [
+        CELLS,
+        *5 * [0],
+    ]
+    assert not figure.axes[0].patches
+
+
 def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
     diagnosis_page(diagnosis, {"damping": 100.0}, tmp_path / "r.html", command=command)
@@ -248,6 +270,7 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     assert "To tell inclusion from density" in page and escape(command) in page
     assert "<td>damping</td><td>10</td><td>20</td><td>1 to 1000</td>" in page  # ten deviations
     assert "<td>drag</td><td>over 100</td>" in page
+    assert "before_after.html" not in page
 
 
 def test_the_next_command_is_the_same_with_one_recording_more():
@@ -261,3 +284,100 @@ def test_the_next_command_is_the_same_with_one_recording_more():
     first, *words = shlex.split(own._again(Path("runs/x")))
     more = replace(own, recording=(*own.recording, Path("NEXT.h5")), out=Path("runs/x-next"))
     assert first == "form-drake" and _parse(words) == more
+
+
+def shaken(size=1e-3, points=40):
+    """A measured motion, one predicted far off and one near; a point is lost for some frames."""
+    still = block(points)
+    sway = np.sin(2.0 * np.pi * still.time)[:, None, None] * [size, 0.0, 0.0]
+    swayed = still.p_WQ + sway
+    valid = np.ones(swayed.shape[:2], dtype=bool)
+    valid[10:20, 3] = False
+    valid[0] = False  # nothing is seen in the first frame
+    seen = np.where(valid[..., None], swayed, np.nan)
+    made = (seen, swayed + np.array([0.0, 5e-4, 0.0]), swayed + np.array([0.0, 0.0, 1e-4]))
+    return [replace(still, p_WQ=p, p_reference=still.reference, valid=valid) for p in made]
+
+
+def test_three_bodies_stand_beside_each_other():
+    seen, before, after = shaken()
+    shown = Beside.of(seen, before, after)
+    width = np.ptp(seen.reference[:, 0])
+    assert np.diff(np.nanmean(shown.p_WQ[:, :, :, 0], axis=(0, 2))) == pytest.approx(
+        2 * [APART * width]
+    )
+    assert shown.p_WQ[:, 1, 0] == pytest.approx(seen.p_WQ[:, 0], nan_ok=True)
+    assert np.isnan(shown.p_WQ[15, :, 3]).all() and np.isnan(shown.apart[15, :, 3]).all()
+    assert np.isnan(shown.rms[0]).all()
+    assert shown.rms[1:] == pytest.approx(np.tile([0.5, 0.1], (FRAMES - 1, 1)))
+    marked = replace(seen, p_WQ=before.p_WQ)  # a place is given, and told not to be measured
+    assert np.isnan(Beside.of(marked, before, after).p_WQ[15, :, 3]).all()
+    assert shown.noise == pytest.approx(1e-2 * np.sqrt(3.0))  # of all three coordinates
+    less = shown.chosen(4, 10)
+    assert less.p_WQ.shape == (4, 3, 10, 3) and less.time[[0, -1]] == pytest.approx([0.0, 1.5])
+    with pytest.raises(ValueError, match="must be the same"):
+        Beside.of(seen, before, block(30))
+
+
+def test_the_page_is_whole_and_as_small_as_it_must_be(tmp_path):
+    path = tmp_path / "page.html"
+    assert write_before_after(*shaken(), path, "a <b>") == (FRAMES, 40)
+    page = path.read_text()
+    assert "a &lt;b&gt;" in page and "noise alone makes 0.017 mm" in page
+    assert "rms 0.5 mm before (grey), 0.1 mm after (green)" in page
+    assert page.count("nothing measured") == 1
+    assert re.findall(r">(\w+)</span>", page)[-3:] == ["before", "measured", "after"]
+    whole = path.stat().st_size
+    limit = whole - 150_000
+    frames, points = write_before_after(*shaken(), path, limit=limit)
+    assert path.stat().st_size <= limit and frames * points < 40 * FRAMES
+    path.unlink()
+    with pytest.raises(ValueError, match="no room"):
+        write_before_after(*shaken(), path, limit=100_000)
+    assert not path.exists()
+
+
+@pytest.mark.browser
+def test_a_browser_plays_what_was_measured_and_predicted(tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no chromium: apt-get install chromium")
+    write_before_after(*shaken(), tmp_path / "page.html", "held out")
+    watch = (
+        "<script>window.errors = []; window.onerror = m => errors.push(m);"
+        "console.error = (...a) => errors.push(a.join(' '));</script>"
+    )
+    look = (
+        "<script>setTimeout(() => { viewer.animator.pause(); viewer.animator.seek(0.51);"
+        "viewer.render(); }, 1500); setTimeout(() => { tellTime(); const seen ="
+        f"[...Array({FRAMES}).keys()].filter(k => viewer.scene_tree.find(['frames', '' + k])"
+        ".object.visible); console.log('SEEN' + JSON.stringify({errors, seen,"
+        "now: document.getElementById('now').textContent})); }, 2500);</script>"
+    )
+    page = (tmp_path / "page.html").read_text()
+    page = page.replace("<head>", f"<head>{watch}", 1).replace("</body>", f"{look}</body>")
+    (tmp_path / "watched.html").write_text(page)
+    flags = (
+        "--no-sandbox --headless=new --disable-dev-shm-usage --use-angle=swiftshader"
+        " --enable-unsafe-swiftshader --hide-scrollbars --window-size=800,600"
+        " --virtual-time-budget=4000 --enable-logging=stderr"
+    )
+    told = subprocess.run(
+        [
+            browser,
+            *flags.split(),
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--screenshot={tmp_path / 'page.png'}",
+            (tmp_path / "watched.html").as_uri(),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    ).stderr
+    found = json.loads(re.search(r'"SEEN(\{.*\})", source', told).group(1))
+    assert found["errors"] == []
+    assert found["seen"] == [30]  # the one of 0.5 s
+    assert found["now"].startswith("t = 0.50 s, rms 0.5 mm before")
+    picture = imread(tmp_path / "page.png")[150:500, :, :3]
+    assert picture.std() > 0.05  # something stands before the background

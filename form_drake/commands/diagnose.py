@@ -17,6 +17,8 @@ from form_drake.material import read_material
 from form_drake.motion import body
 from form_drake.records import Recording, read
 
+PLAYED = "before_after.html"
+
 
 @dataclass(frozen=True)
 class Diagnose:
@@ -77,8 +79,9 @@ class Diagnose:
         with whole_folder(out) as folder:
             write_json(folder / "discrepancy.json", told)
             found.material.write(folder / "material.yaml")
+            played = _play(found, folder)
             page = folder / "report.html"
-            diagnosis_page(found, limits, page, command=command)
+            diagnosis_page(found, limits, page, command=command, played=played)
         emit(_table(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
 
@@ -121,6 +124,23 @@ def _check(recordings: list[tuple[Path, Recording]]) -> None:
                 seen.p_WQ, other.p_WQ, equal_nan=True
             ):
                 raise ValueError(f"{name}: the same motion as {earlier}")
+
+
+def _play(found: Diagnosis, folder: Path) -> str:
+    """Name of a page that plays the first held-out motion; "": none was predicted."""
+    if not found.measured:
+        return ""
+    from form_drake.systems.before_after import write_before_after
+
+    before, after = found.simulated
+    write_before_after(
+        found.measured[0],
+        before[0],
+        after[0],
+        folder / PLAYED,
+        "held-out motion, measured and predicted",
+    )
+    return PLAYED
 
 
 def _table(found: Diagnosis) -> str:

@@ -1,5 +1,6 @@
 """What recordings can show, and what to record next."""
 
+from collections.abc import Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,13 +31,12 @@ class Limit:
         low, high = np.log(self.effect.prior)
         return float(np.clip((np.log(max(self.size, 1e-300)) - low) / (high - low), 0.0, 1.0))
 
-    def sentence(self) -> str:
-        """What would show the effect."""
+    def sentence(self, recorded: Set[str]) -> str:
+        """What would show the effect; ``recorded`` are motions that are there already."""
         unit = "" if self.effect.unit == "-" else f" {self.effect.unit}"
         least = f" below {self.size:.2g}{unit}" if self.missed < 1.0 else " of any likely size"
-        return (
-            f"{self.effect.id}{least} would not be seen; shown by: {'; '.join(self.effect.shown)}."
-        )
+        shown = [f"{m}, stronger or longer" if m in recorded else m for m in self.effect.shown]
+        return f"{self.effect.id}{least} would not be seen; shown by: {'; '.join(shown)}."
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,13 @@ class Advice:
         limits: of every effect, those that are seen best first.
         apart: pairs that are not told apart.
         verdict: of the naming, as it is told.
+        recorded: kinds of motion that are there already, as effects name them.
     """
 
     limits: tuple[Limit, ...]
     apart: tuple[Apart, ...]
     verdict: str
+    recorded: frozenset[str]
 
     @classmethod
     def of(cls, naming: Naming, verdict: str) -> "Advice":
@@ -82,7 +84,7 @@ class Advice:
         limits = sorted([*added, *left], key=lambda one: (one.missed, one.effect.id))
         recorded = _recorded(naming)
         pairs = (pair for found in naming.passes for pair in _pairs(found, recorded))
-        return cls(tuple(limits), tuple(pairs), verdict)
+        return cls(tuple(limits), tuple(pairs), verdict, recorded)
 
     @property
     def blind(self) -> tuple[Limit, ...]:
@@ -97,7 +99,7 @@ class Advice:
                 "No effect of the catalogue explains what is left: look where and when it is left,"
                 " and declare an effect of your own (--effects)."
             )
-        found += [one.sentence() for one in self.blind if one.effect.shown]
+        found += [one.sentence(self.recorded) for one in self.blind if one.effect.shown]
         return tuple(found)
 
     def to_json(self) -> dict[str, Any]:
@@ -125,13 +127,12 @@ class Advice:
         }
 
 
-def _recorded(naming: Naming) -> set[str]:
-    """Kinds of motion that are there already, as effects name them."""
+def _recorded(naming: Naming) -> frozenset[str]:
     probes = naming.passes[0].match.problem.probes
-    return {"press" if probe.forces else "shake" for probe in probes}
+    return frozenset("press" if probe.forces else "shake" for probe in probes)
 
 
-def _pairs(found: Found, recorded: set[str]) -> list[Apart]:
+def _pairs(found: Found, recorded: Set[str]) -> list[Apart]:
     if found.best is None:
         return []
     own, effects = found.best.effect, {s.effect.id: s.effect for s in found.ranked}
@@ -139,7 +140,7 @@ def _pairs(found: Found, recorded: set[str]) -> list[Apart]:
     return [Apart(own, other, _shown(own, other, recorded)) for other in others]
 
 
-def _shown(a: Effect, b: Effect, recorded: set[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def _shown(a: Effect, b: Effect, recorded: Set[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
     motions = [m for m in dict.fromkeys((*a.shown, *b.shown)) if m not in recorded]
     told = [(m, tuple(e.id for e in (a, b) if m in e.shown)) for m in motions]
     return tuple(sorted(told, key=lambda one: len(one[1])))

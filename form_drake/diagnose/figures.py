@@ -66,28 +66,29 @@ def where(match: Match) -> Any:
 
 
 def places(before: Sequence[Ledger], after: Sequence[Ledger], causes: Sequence[Cause] = ()) -> Any:
-    """Where something is left in the body, seen along each axis: first above, last below, probe by probe.
+    """Where something is left in the body, seen along each axis: probe by probe, first and last.
 
     Circles are the balls of the causes that have a place.
     """
-    count = 3 * len(before)
-    figure = _figure(2.2 * count + 1.2, 4.4)
-    grid = figure.subplots(2, count, squeeze=False)
+    told = [one for pair in zip(before, after, strict=True) for one in pair]
+    figure = _figure(9.0, 2.3 * len(told) + 0.3)
+    grid = figure.subplots(len(told), 3, squeeze=False)
     top = max([1.0, *(float(np.nanmax(_seen(one.heat, a))) for one in before for a in range(3))])
     balls = [c.shape for c in causes if "radius" in c.shape]
-    for line, told, name in zip(grid, (before, after), ("before", "after"), strict=True):
-        for n, axes in enumerate(line):
-            ledger, along = told[n // 3], n % 3
+    for n, (line, ledger) in enumerate(zip(grid, told, strict=True)):
+        for along, axes in enumerate(line):
             image = _place(axes, ledger, along, top, balls)
-            if along == 1:
-                axes.set_title(f"{ledger.name}, {name}")
+        line[1].set_title(f"{ledger.name}, {'after' if n % 2 else 'before'}")
     label = "mean square left over, less that of noise"
     figure.colorbar(image, ax=grid.ravel().tolist(), label=label)
     return figure
 
 
 def _seen(heat: np.ndarray, axis: int) -> np.ndarray:
-    return np.asarray(np.nanmean(heat, axis=axis))
+    """Means along an axis, not a number where no cell is seen."""
+    count = np.isfinite(heat).sum(axis=axis)
+    found: np.ndarray = np.nansum(heat, axis=axis) / np.where(count, count, np.nan)
+    return found
 
 
 def _place(
@@ -116,7 +117,9 @@ def _place(
 
 def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
     """When something is left: mean squares of windows, first and last, and what noise may reach."""
-    figure = _figure(5.0 * len(before), 3.0)
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = _figure(5.0 * len(before), 3.2)
     for n, (first, last) in enumerate(zip(before, after, strict=True)):
         axes = figure.add_subplot(1, len(before), n + 1)
         rows = np.maximum(np.bincount(first.window, minlength=len(first.time)), 1)
@@ -126,12 +129,13 @@ def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
         if first.onset is not None:
             axes.axvline(first.onset, color="tab:red", lw=1, label="onset")
         axes.set_yscale("log")
-        for kind in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            kind("{x:g}")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_title(first.name)
         axes.set_xlabel("middle of the window [s]")
         axes.set_ylabel("mean square left over")
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4)
     return figure
 
 

@@ -27,6 +27,7 @@ def diagnosis_page(
     path: Path,
     *,
     command: str = "",
+    played: str = "",
 ) -> None:
     """Write the page.
 
@@ -35,13 +36,14 @@ def diagnosis_page(
         thresholds: scores by effect's id that nothing missing may reach.
         path: of the page.
         command: that diagnoses again with a further recording.
+        played: name of the file that plays a held-out motion.
     """
     page = Report(found.sentence())
     _specimen(page, found)
     _left(page, found)
     _passes(page, found, thresholds)
     if found.channels:
-        _held_out(page, found)
+        _held_out(page, found, played)
     _next(page, found, thresholds, command)
     page.heading("Not verified")
     page.paragraph(UNVERIFIED)
@@ -81,8 +83,8 @@ def _left(page: Report, found: Diagnosis) -> None:
         [row for pair in zip(before, after, strict=True) for row in _ledger_rows(*pair)],
     )
     page.paragraph(
-        "Mean squares are in units of the noise: one where nothing but noise is left. The onset is the"
-        " middle of the first of two windows running in which more is left than noise leaves in one"
+        "Each window is whitened by itself: its mean square is one where nothing but noise is left. The"
+        " onset is the middle of the first of two windows running in which more is left than noise leaves in one"
         " window of a thousand; what the grid costs can be more than that from the start."
     )
     caption = "Where it is left in the body free of stress, looking along each axis"
@@ -108,7 +110,7 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
     for n, one in enumerate(found.naming.passes, start=1):
         page.heading(f"Pass {n}: {_added(one.best)}")
         left = float(one.match.left @ one.match.left / len(one.match.left))
-        page.paragraph(f"What is left, mean square in units of the noise: {left:.3g}.")
+        page.paragraph(f"What is left, all windows whitened together, mean square: {left:.3g}.")
         if one.alike:
             page.paragraph(f"These recordings cannot tell it from {', '.join(one.alike)}.")
         if one.rivals:
@@ -117,7 +119,7 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
         page.figure(where(one.match), "What is left of every test field.")
 
 
-def _held_out(page: Report, found: Diagnosis) -> None:
+def _held_out(page: Report, found: Diagnosis, played: str) -> None:
     page.heading("Held-out motion")
     page.table(
         ["", "before", "after", "floor", "grid", "closed"],
@@ -131,6 +133,8 @@ def _held_out(page: Report, found: Diagnosis) -> None:
         ],
     )
     page.figure(gaps(found.channels), "Errors before and after.")
+    if played:
+        page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
     before, after = found.simulated
     for seen, a, b in zip(found.measured, before, after, strict=True):
         page.figure(overlay(seen, a, b), "Measured and predicted.")
