@@ -85,7 +85,7 @@ def write_before_after(
     before: Recording,
     after: Recording,
     path: Path,
-    title: str = "",
+    title: str,
     limit: int = LIMIT,
 ) -> tuple[int, int]:
     """Write a page that plays three bodies, coloured by how far points are from the measured ones.

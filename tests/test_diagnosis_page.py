@@ -112,6 +112,18 @@ def test_what_is_left_has_its_moment_and_its_place(first, corner):
     assert np.all(far < 0.2 * ledger.heat.max())
 
 
+def test_fields_weigh_where_they_are():
+    (ledger,) = ledgers(left())
+    for axis in range(3):
+        share = ledger.share.sum(axis=tuple(1 + a for a in range(3) if a != axis))
+        middle = share @ (np.arange(CELLS) + 0.5) / CELLS
+        for name, at in zip(PROBE.fields[0].names, middle, strict=True):
+            if " at " in name:
+                n, last = map(int, name.split()[2 + axis].split("/"))
+                assert at == pytest.approx(n / last, abs=0.17)
+    assert ledger.share.sum(axis=(1, 2, 3)) == pytest.approx(1.0)
+
+
 def test_one_window_alone_is_no_onset():
     (ledger,) = ledgers(left())
     assert ledgers(left(6.0 * (ledger.window == 3)))[0].onset is None
@@ -329,11 +341,11 @@ def test_the_page_is_whole_and_as_small_as_it_must_be(tmp_path):
     assert re.findall(r">(\w+)</span>", page)[-3:] == ["before", "measured", "after"]
     whole = path.stat().st_size
     limit = whole - 150_000
-    frames, points = write_before_after(*shaken(), path, limit=limit)
+    frames, points = write_before_after(*shaken(), path, "a", limit=limit)
     assert path.stat().st_size <= limit and frames * points < 40 * FRAMES
     path.unlink()
     with pytest.raises(ValueError, match="no room"):
-        write_before_after(*shaken(), path, limit=100_000)
+        write_before_after(*shaken(), path, "a", limit=100_000)
     assert not path.exists()
 
 
