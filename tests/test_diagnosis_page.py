@@ -277,7 +277,7 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
     diagnosis_page(diagnosis, {"damping": 100.0}, tmp_path / "r.html", command=command)
     page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
-    assert "Where and when" in page and "circles: what was found there" in page
+    assert "Where and when" in page and "circles: what was found there." in page
     assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
     assert "To tell inclusion from density" in page and escape(command) in page
     assert "<td>damping</td><td>10</td><td>20</td><td>1 to 1000</td>" in page  # ten deviations

@@ -89,7 +89,9 @@ def _left(page: Report, found: Diagnosis) -> None:
     )
     caption = "Where it is left in the body free of stress, looking along each axis"
     circles = any("radius" in c.shape for c in found.naming.model.causes)
-    caption += "; circles: what was found there." if circles else "."
+    caption += "; circles: what was found there" if circles else ""
+    blank = any(np.isnan(one.heat).any() for one in before)
+    caption += "; blank: no test field is there." if blank else "."
     page.figure(places(before, after, found.naming.model.causes), caption)
     page.figure(moments(before, after), "When it is left.")
 
