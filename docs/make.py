@@ -107,6 +107,12 @@ API = {
         "form_drake.diagnose.score.scores",
         "form_drake.diagnose.score.coherence",
         "form_drake.diagnose.score.Score",
+        "form_drake.diagnose.ledger.ledgers",
+        "form_drake.diagnose.ledger.Ledger",
+        "form_drake.diagnose.advice.Advice",
+        "form_drake.diagnose.advice.Limit",
+        "form_drake.diagnose.advice.Apart",
+        "form_drake.systems.before_after.write_before_after",
     ),
     "The station": (
         "form_drake.systems.scenario.load_scenario",

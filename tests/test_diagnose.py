@@ -164,6 +164,9 @@ def test_nothing_is_named_where_nothing_is_missing(files, capsys):
     for key, true in TRUTH.items():
         assert found["values"][key] == pytest.approx(true, rel=0.03)
     assert read_material(out / "material.yaml").effects == ()
+    (left,) = found["passes"][0]["ledgers"]
+    assert left["onset"] is None and max(left["interior"], left["tool"]) < 1.5
+    assert not (out / "before_after.html").exists()  # nothing was held back
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
@@ -178,7 +181,13 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     force = gap["force of plate 1"]
     assert force["closure"] > 0.95 and force["after"] < 1.2 * force["floor"]
     assert gap["tracks 1"]["closure"] is None  # late forces move no track
+    before, after = (one["ledgers"][0] for one in found["passes"])
+    assert effect["onset"] == {"probe 1": before["onset"]} and after["onset"] is None
+    assert before["tool"] > 2.0 * before["interior"] and after["tool"] < 1.5
+    assert 0 < (out / "before_after.html").stat().st_size < 5_000_000
+    assert f"{files / 'late0.h5'} NEXT.h5" in found["advice"]["command"]
     page = (out / "report.html").read_text()
+    assert "before_after.html plays" in page and "What to record next" in page
     assert "force-delay stands out" in page and "Not verified" in page
 
     written = str(out / "material.yaml")

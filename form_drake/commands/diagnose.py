@@ -1,5 +1,6 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from form_drake.laws import law_named
 from form_drake.material import read_material
 from form_drake.motion import body
 from form_drake.records import Recording, read
+
+PLAYED = "before_after.html"
 
 
 @dataclass(frozen=True)
@@ -71,12 +74,26 @@ class Diagnose:
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
         )
+        told, command = found.to_json(), self._again(out)
+        told["advice"]["command"] = command
         with whole_folder(out) as folder:
-            write_json(folder / "discrepancy.json", found.to_json())
+            write_json(folder / "discrepancy.json", told)
             found.material.write(folder / "material.yaml")
-            diagnosis_page(found, limits, folder / "report.html")
-        emit(_table(found), found.to_json(), as_json=self.json)
+            played = _play(found, folder)
+            page = folder / "report.html"
+            diagnosis_page(found, limits, page, command=command, played=played)
+        emit(_table(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
+
+    def _again(self, out: Path) -> str:
+        """The command that diagnoses again with a further recording."""
+        words = ["form-drake", "diagnose", *map(str, self.recording), "NEXT.h5"]
+        for name in ("material", "law", "effects", "dx"):
+            value = getattr(self, name)
+            words += [f"--{name}", str(value)] if value is not None else []
+        words += ["--device", self.device] if self.device != "cpu" else []
+        words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
+        return shlex.join([*words, "--out", f"{out}-next"])
 
     def _law(self, recording: Recording) -> str:
         law = self.law or recording.law
@@ -107,6 +124,23 @@ def _check(recordings: list[tuple[Path, Recording]]) -> None:
                 seen.p_WQ, other.p_WQ, equal_nan=True
             ):
                 raise ValueError(f"{name}: the same motion as {earlier}")
+
+
+def _play(found: Diagnosis, folder: Path) -> str:
+    """Name of a page that plays the first held-out motion; "": none was predicted."""
+    if not found.measured:
+        return ""
+    from form_drake.systems.before_after import write_before_after
+
+    before, after = found.simulated
+    write_before_after(
+        found.measured[0],
+        before[0],
+        after[0],
+        folder / PLAYED,
+        "held-out motion, measured and predicted",
+    )
+    return PLAYED
 
 
 def _table(found: Diagnosis) -> str:

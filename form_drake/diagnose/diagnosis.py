@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from form_drake.diagnose.advice import Advice
+from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
@@ -47,6 +49,16 @@ class Diagnosis:
             return "unnamed"
         return self.naming.verdict
 
+    @cached_property
+    def ledgers(self) -> tuple[tuple[Ledger, ...], ...]:
+        """What is left in every pass, probe by probe."""
+        return tuple(ledgers(one.match) for one in self.naming.passes)
+
+    @property
+    def advice(self) -> Advice:
+        """What these recordings can show, and what to record next."""
+        return Advice.of(self.naming, self.verdict)
+
     @property
     def material(self) -> Material:
         """With the effects, as they would be written."""
@@ -81,6 +93,7 @@ class Diagnosis:
                     "std": cause.std,
                     "unit": cause.effect.unit,
                     "where": dict(cause.shape),
+                    "onset": {one.name: one.onset for one in self.ledgers[n]},
                 }
             )
         return {
@@ -95,9 +108,11 @@ class Diagnosis:
                     "scores": {s.effect.id: s.score for s in p.ranked},
                     "limits": {s.effect.id: s.limit for s in p.ranked},
                     "rivals": list(p.rivals),
+                    "ledgers": [one.to_json() for one in left],
                 }
-                for p in passes
+                for p, left in zip(passes, self.ledgers, strict=True)
             ],
+            "advice": self.advice.to_json(),
             "gap": [
                 {
                     "channel": c.name,

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.diagnose.ledger import Ledger
 from form_drake.diagnose.match import Match
+from form_drake.diagnose.model import Cause
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verify import Channel
 from form_drake.records import Recording
@@ -60,6 +62,80 @@ def where(match: Match) -> Any:
         axes.set_xlabel("time [s]")
         axes.set_ylabel("test field")
     figure.colorbar(image, ax=figure.axes, label="left over [standard deviations]")
+    return figure
+
+
+def places(before: Sequence[Ledger], after: Sequence[Ledger], causes: Sequence[Cause] = ()) -> Any:
+    """Where something is left in the body, seen along each axis: probe by probe, first and last.
+
+    Circles are the balls of the causes that have a place.
+    """
+    told = [one for pair in zip(before, after, strict=True) for one in pair]
+    figure = _figure(9.0, 2.3 * len(told) + 0.3)
+    grid = figure.subplots(len(told), 3, squeeze=False)
+    top = max([1.0, *(float(np.nanmax(_seen(one.heat, a))) for one in before for a in range(3))])
+    balls = [c.shape for c in causes if "radius" in c.shape]
+    for n, (line, ledger) in enumerate(zip(grid, told, strict=True)):
+        for along, axes in enumerate(line):
+            image = _place(axes, ledger, along, top, balls)
+        line[1].set_title(f"{ledger.name}, {'after' if n % 2 else 'before'}")
+    label = "mean square left over, less that of noise"
+    figure.colorbar(image, ax=grid.ravel().tolist(), label=label)
+    return figure
+
+
+def _seen(heat: np.ndarray, axis: int) -> np.ndarray:
+    """Means along an axis, not a number where no cell is seen."""
+    count = np.isfinite(heat).sum(axis=axis)
+    found: np.ndarray = np.nansum(heat, axis=axis) / np.where(count, count, np.nan)
+    return found
+
+
+def _place(
+    axes: Any, ledger: Ledger, along: int, top: float, balls: Sequence[Mapping[str, float]]
+) -> Any:
+    """One look through the body along an axis."""
+    from matplotlib.patches import Circle
+
+    across, up = [a for a in range(3) if a != along]
+    low, high = 1e3 * ledger.body.low, 1e3 * ledger.body.high
+    image = axes.imshow(
+        np.maximum(_seen(ledger.heat, along), 0.0).T,
+        origin="lower",
+        extent=(low[across], high[across], low[up], high[up]),
+        cmap="viridis",
+        vmin=0.0,
+        vmax=top,
+    )
+    for ball in balls:
+        centre = (1e3 * ball["xyz"[across]], 1e3 * ball["xyz"[up]])
+        axes.add_patch(Circle(centre, 1e3 * ball["radius"], fill=False, color="tab:red", lw=1.5))
+    axes.set_xlabel(f"{'xyz'[across]} [mm]")
+    axes.set_ylabel(f"{'xyz'[up]} [mm]")
+    return image
+
+
+def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
+    """When something is left: mean squares of windows, first and last, and what noise may reach."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = _figure(5.0 * len(before), 3.2)
+    for n, (first, last) in enumerate(zip(before, after, strict=True)):
+        axes = figure.add_subplot(1, len(before), n + 1)
+        rows = np.maximum(np.bincount(first.window, minlength=len(first.time)), 1)
+        for one, name, colour in ((first, "before", "0.5"), (last, "after", "tab:green")):
+            axes.plot(one.time, one.spent / rows, "o-", ms=3, color=colour, label=name)
+        axes.plot(first.time, first.limit / rows, "k--", lw=1, label="limit of noise")
+        if first.onset is not None:
+            axes.axvline(first.onset, color="tab:red", lw=1, label="onset")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_title(first.name)
+        axes.set_xlabel("middle of the window [s]")
+        axes.set_ylabel("mean square left over")
+        axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4)
     return figure
 
 

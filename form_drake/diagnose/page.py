@@ -3,9 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
+from form_drake.diagnose.advice import Limit
 from form_drake.diagnose.diagnosis import Diagnosis
-from form_drake.diagnose.figures import gaps, overlay, ranking, where
-from form_drake.diagnose.score import Score
+from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
+from form_drake.diagnose.ledger import Ledger
+from form_drake.diagnose.score import DETECTED, Score
 from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
 
@@ -17,9 +21,36 @@ UNVERIFIED = (
 )
 
 
-def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path) -> None:
-    """Write the page."""
+def diagnosis_page(
+    found: Diagnosis,
+    thresholds: Mapping[str, float],
+    path: Path,
+    *,
+    command: str = "",
+    played: str = "",
+) -> None:
+    """Write the page.
+
+    Args:
+        found: of a diagnosis.
+        thresholds: scores by effect's id that nothing missing may reach.
+        path: of the page.
+        command: that diagnoses again with a further recording.
+        played: name of the file that plays a held-out motion.
+    """
     page = Report(found.sentence())
+    _specimen(page, found)
+    _left(page, found)
+    _passes(page, found, thresholds)
+    if found.channels:
+        _held_out(page, found, played)
+    _next(page, found, thresholds, command)
+    page.heading("Not verified")
+    page.paragraph(UNVERIFIED)
+    page.write(path)
+
+
+def _specimen(page: Report, found: Diagnosis) -> None:
     last = found.naming.model
     page.heading("The specimen")
     rows = [
@@ -41,36 +72,113 @@ def diagnosis_page(found: Diagnosis, thresholds: Mapping[str, float], path: Path
                 for c in last.causes
             ],
         )
+
+
+def _left(page: Report, found: Diagnosis) -> None:
+    """Where and when something is left, before anything was added and at the end."""
+    before, after = found.ledgers[0], found.ledgers[-1]
+    page.heading("Where and when")
+    page.table(
+        ["ledger", "rows", "mean square before", "after", "onset before [s]", "after [s]"],
+        [row for pair in zip(before, after, strict=True) for row in _ledger_rows(*pair)],
+    )
+    page.paragraph(
+        "Each window is whitened by itself: its mean square is one where nothing but noise is left. The"
+        " onset is the middle of the first of two windows running in which more is left than noise leaves in one"
+        " window of a thousand; what the grid costs can be more than that from the start."
+    )
+    caption = "Where it is left in the body free of stress, looking along each axis"
+    circles = any("radius" in c.shape for c in found.naming.model.causes)
+    caption += "; circles: what was found there" if circles else ""
+    blank = any(np.isnan(one.heat).any() for one in before)
+    caption += "; blank: no test field is there." if blank else "."
+    page.figure(places(before, after, found.naming.model.causes), caption)
+    page.figure(moments(before, after), "When it is left.")
+
+
+def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
+    rows = []
+    for tool, name in ((False, "interior"), (True, "force on tools")):
+        means = [one.mean(tool=tool) for one in (before, after)]
+        if None in means:
+            continue
+        starts = ["never" if one.onset is None else f"{one.onset:.2f}" for one in (before, after)]
+        count = str(int(np.sum(before.tool == tool)))
+        rows.append([f"{before.name}, {name}", count, *(f"{m:.3g}" for m in means), *starts])
+    return rows
+
+
+def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> None:
     for n, one in enumerate(found.naming.passes, start=1):
         page.heading(f"Pass {n}: {_added(one.best)}")
         left = float(one.match.left @ one.match.left / len(one.match.left))
-        page.paragraph(f"What is left, mean square in units of the noise: {left:.3g}.")
+        page.paragraph(f"What is left, all windows whitened together, mean square: {left:.3g}.")
         if one.alike:
             page.paragraph(f"These recordings cannot tell it from {', '.join(one.alike)}.")
         if one.rivals:
             page.paragraph(f"Nearly as good: {', '.join(one.rivals)}.")
         page.figure(ranking(one.ranked, thresholds, LEAST), "How much each effect explains.")
-        page.figure(where(one.match), "Where and when the balance is not closed.")
-    if found.channels:
-        page.heading("Held-out motion")
-        page.table(
-            ["", "before", "after", "floor", "grid", "closed"],
+        page.figure(where(one.match), "What is left of every test field.")
+
+
+def _held_out(page: Report, found: Diagnosis, played: str) -> None:
+    page.heading("Held-out motion")
+    page.table(
+        ["", "before", "after", "floor", "grid", "closed"],
+        [
             [
-                [
-                    c.name,
-                    *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
-                    f"{100.0 * c.closure:.0f} %" if c.counts else "too near to floor or grid",
-                ]
-                for c in found.channels
-            ],
-        )
-        page.figure(gaps(found.channels), "Errors before and after.")
-        before, after = found.simulated
-        for seen, a, b in zip(found.measured, before, after, strict=True):
-            page.figure(overlay(seen, a, b), "Measured and predicted.")
-    page.heading("Not verified")
-    page.paragraph(UNVERIFIED)
-    page.write(path)
+                c.name,
+                *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
+                f"{100.0 * c.closure:.0f} %" if c.counts else "too near to floor or grid",
+            ]
+            for c in found.channels
+        ],
+    )
+    page.figure(gaps(found.channels), "Errors before and after.")
+    if played:
+        page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
+    before, after = found.simulated
+    for seen, a, b in zip(found.measured, before, after, strict=True):
+        page.figure(overlay(seen, a, b), "Measured and predicted.")
+
+
+def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str) -> None:
+    """What these recordings can show, and what to record next."""
+    advice = found.advice
+    page.heading("What to record next")
+    for sentence in advice.sentences() or ("These recordings leave nothing open.",):
+        page.paragraph(sentence)
+    if command:
+        page.paragraph(f"With a further recording NEXT.h5: {command}")
+    page.table(
+        ["effect", "seen from", "named from", "likely sizes", "unit", "missed"],
+        [
+            [
+                one.effect.id,
+                *(_size(one, share) for share in (1.0, _naming(one, thresholds))),
+                " to ".join(f"{v:g}" for v in one.effect.prior),
+                one.effect.unit,
+                f"{100.0 * one.missed:.0f} %",
+            ]
+            for one in advice.limits
+        ],
+    )
+    page.paragraph(
+        "Seen are five standard deviations, at the place and direction at which the effect explains"
+        " most; named is what exceeds its threshold. Missed are likely sizes, evenly by their"
+        " logarithm, that are not seen."
+    )
+
+
+def _naming(one: Limit, thresholds: Mapping[str, float]) -> float:
+    """Times the least size that is seen, at which a score exceeds its threshold."""
+    wanted = max(thresholds.get(one.effect.id, 0.0), LEAST)
+    return float(np.sqrt(wanted)) / DETECTED
+
+
+def _size(one: Limit, share: float) -> str:
+    size = share * one.size
+    return f"{size:.2g}" if size < one.effect.prior[1] else f"over {one.effect.prior[1]:g}"
 
 
 def _added(best: Score | None) -> str:

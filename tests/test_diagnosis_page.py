@@ -1,0 +1,395 @@
+"""What the report of a diagnosis shows beside its verdict; probes are read, nothing is simulated."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import warnings
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from form_drake.__main__ import _parse
+from form_drake.commands.diagnose import Diagnose
+from form_drake.diagnose import Cause, Diagnosis, Model
+from form_drake.diagnose.advice import Advice
+from form_drake.diagnose.figures import places
+from form_drake.diagnose.ledger import CELLS, _apart, ledgers
+from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose.prepare import probe as read_probe
+from form_drake.diagnose.score import Score
+from form_drake.diagnose.verdict import Found, Naming
+from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.records import Recording, Stream
+from form_drake.systems.before_after import APART, Beside, write_before_after
+from form_drake.weak.solve import Weights
+
+FRAMES, RATE = 91, 60.0
+LOW, SIZE = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
+
+
+def block(points=60):
+    """A block under a bonded plate that presses it a little."""
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.04, 0.96, (points, 3))
+    t = np.arange(FRAMES) / RATE
+    stretch = np.ones((len(t), 1, 3))
+    stretch[:, 0, 2] -= 0.02 * np.sin(t) ** 2
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, 2, 3] = 0.02 * stretch[:, 0, 2]
+    return Recording.from_arrays(
+        t,
+        X * stretch,
+        p_reference=X,
+        noise=1e-5,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
+        poses={"plate": Stream(t, pose)},
+        forces={"plate": Stream(t, np.zeros((len(t), 3)), noise=0.01)},
+    )
+
+
+PROBE = read_probe(block(), "probe 1", 0.0025)
+FIELDS = len(PROBE.fields[0].names)
+
+
+def covariance(rows):
+    """Of rows that have much in common with their neighbours."""
+    n = np.arange(rows)
+    size = 1.0 + 0.5 * np.sin(n)
+    return np.exp(-np.abs(n[:, None] - n) / 3.0) * np.outer(size, size)
+
+
+ROWS = int(PROBE.keep.sum())
+BY = Weights((np.linalg.cholesky(covariance(ROWS)),), 0.0)
+
+
+def left(more=0.0, seed=0):
+    """A match of one probe whose rows hold noise, and more of it (standard deviations)."""
+    noise = np.random.default_rng(seed).standard_normal(ROWS)
+    more = more * np.sqrt(np.diag(covariance(ROWS)))
+    return SimpleNamespace(
+        left=noise + BY.white(more), by=BY, twin=SimpleNamespace(probes=(PROBE,))
+    )
+
+
+def hidden(first, corner):
+    """Rows from a window on whose fields are largest in one corner, shape [rows]."""
+    (ledger,) = ledgers(left())
+    cells = ledger.share.reshape(FIELDS, *3 * (2, CELLS // 2)).sum(axis=(2, 4, 6))
+    near = cells[(slice(None), *corner)] > 0.6
+    assert 0 < near.sum() < FIELDS / 4
+    return (ledger.window >= first) & near[ledger.field]
+
+
+def test_noise_alone_is_nowhere_and_never():
+    (ledger,) = ledgers(left())
+    assert ledger.onset is None
+    assert ledger.square.mean() == pytest.approx(1.0, abs=0.15)
+    own = ledger.window == 5  # chi-square by its own covariance
+    rest = (BY.factors[0] @ left().left)[own]
+    spent = rest @ np.linalg.solve(covariance(ROWS)[np.ix_(own, own)], rest)
+    assert ledger.spent[5] == pytest.approx(spent)
+    assert np.all(np.abs(ledger.heat) < 0.6)
+    assert sum(ledgers(left(seed=n))[0].onset is not None for n in range(8)) == 0
+
+
+@pytest.mark.parametrize(("first", "corner"), [(0, (0, 0, 0)), (4, (1, 0, 1))])
+def test_what_is_left_has_its_moment_and_its_place(first, corner):
+    (ledger,) = ledgers(left(4.0 * hidden(first, corner)))
+    assert ledger.onset == pytest.approx(ledger.time[first])
+    hottest = np.unravel_index(np.argmax(ledger.heat), ledger.heat.shape)
+    assert tuple(n // (CELLS // 2) for n in hottest) == corner
+    far = ledger.heat[tuple(slice(0, 2) if c else slice(-2, None) for c in corner)]
+    assert np.all(far < 0.2 * ledger.heat.max())
+
+
+def test_fields_weigh_where_they_are():
+    (ledger,) = ledgers(left())
+    for axis in range(3):
+        share = ledger.share.sum(axis=tuple(1 + a for a in range(3) if a != axis))
+        middle = share @ (np.arange(CELLS) + 0.5) / CELLS
+        for name, at in zip(PROBE.fields[0].names, middle, strict=True):
+            if " at " in name:
+                n, last = map(int, name.split()[2 + axis].split("/"))
+                assert at == pytest.approx(n / last, abs=0.17)
+    assert ledger.share.sum(axis=(1, 2, 3)) == pytest.approx(1.0)
+
+
+def test_one_window_alone_is_no_onset():
+    (ledger,) = ledgers(left())
+    assert ledgers(left(6.0 * (ledger.window == 3)))[0].onset is None
+
+
+def test_rows_that_carry_the_force_are_the_tools():
+    (ledger,) = ledgers(left())
+    names = np.array(PROBE.fields[0].names)
+    assert set(names[ledger.field[ledger.tool]]) == {f"{a} with plate" for a in "xyz"}
+    (ledger,) = ledgers(left(5.0 * ledger.tool))
+    assert ledger.mean(tool=True) > 5.0 and ledger.mean(tool=False) < 3.0
+    assert replace(ledger, tool=ledger.tool & False).mean(tool=True) is None
+
+
+def test_whitened_rows_keep_their_places():
+    C = covariance(12)
+    scale = np.sqrt(np.diag(C))
+    size, axes = np.linalg.eigh(C / np.outer(scale, scale))
+    root = scale[:, None] * ((axes * np.sqrt(size)) @ axes.T)  # nearest to the rows themselves
+    assert np.stack([_apart(C, column) for column in root.T]) == pytest.approx(np.eye(12))
+
+
+def found(best, ranked, alike=(), rivals=(), forces=({"plate": None}, {})):
+    """A pass with scores of effects by their limits."""
+    scores = {
+        name: Score(CATALOGUE[name], {}, 1.0, 0.2 * limit, 90.0, limit, np.zeros(1))
+        for name, limit in ranked.items()
+    }
+    probes = tuple(SimpleNamespace(forces=f) for f in forces)
+    match = SimpleNamespace(problem=SimpleNamespace(probes=probes))
+    return Found(match, tuple(scores.values()), scores.get(best), alike, rivals)
+
+
+LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}
+
+
+def naming(first, verdict="named"):
+    cause = Cause(CATALOGUE["force-gain"], 0.05, {}, 0.001)
+    last = found(None, {k: v for k, v in LIMITS.items() if k != "force-gain"})
+    return Naming((first, last), None, (cause,), verdict)
+
+
+def test_limits_stand_beside_what_is_likely():
+    advice = Advice.of(naming(found("force-gain", LIMITS)), "named")
+    sizes = {one.effect.id: one.size for one in advice.limits}
+    assert sizes == LIMITS | {
+        "force-gain": pytest.approx(0.005)
+    }  # five deviations of what was found
+    missed = {one.effect.id: one.missed for one in advice.limits}
+    assert list(missed.values()) == sorted(missed.values())
+    assert missed["eigenstrain"] == 0.0 and missed["drag"] == 1.0
+    assert missed["damping"] == pytest.approx(1 / 3)  # from 1 to 1000 Pa s
+    assert [one.effect.id for one in advice.blind] == ["drag"]
+    assert advice.sentences() == (
+        "drag of any likely size would not be seen; shown by: shake, stronger or longer.",
+    )
+
+
+def test_what_is_not_told_apart_is_shown_by_what_is_not_there_yet():
+    first = found("force-gain", LIMITS, alike=("density",), rivals=("eigenstrain",))
+    advice = Advice.of(naming(first), "ambiguous")
+    density, swelling = advice.apart
+    assert density.sentence() == (  # a shake is there already
+        "To tell force-gain from density: a known weight (shows force-gain); a balance (shows"
+        " density)."
+    )
+    assert swelling.other.id == "eigenstrain"
+    told = advice.to_json()
+    assert told["apart"][0]["other"] == "density" and told["next"][0] == density.sentence()
+    first = found("force-gain", LIMITS, alike=("density",), forces=({"plate": None},))
+    (pair,) = Advice.of(naming(first), "named").apart
+    assert ("shake", ("density",)) in pair.shown
+    assert pair.shown[-1][0] != "press"
+
+
+def test_what_shows_both_comes_last():
+    ranked = {"eigenstrain": 1e-4, "camera-scale": 1e-4}
+    advice = Advice.of(naming(found("eigenstrain", ranked, alike=("camera-scale",))), "named")
+    assert advice.apart[0].shown == (
+        ("a ruler", ("camera-scale",)),
+        ("a look at the bonded edge", ("eigenstrain", "camera-scale")),
+    )
+
+
+def test_what_no_effect_explains_asks_for_one():
+    advice = Advice.of(naming(found("force-gain", LIMITS)), "unnamed")
+    assert "--effects" in advice.sentences()[0]
+
+
+BALL = {"x": 5e-3, "y": -5e-3, "z": 15e-3, "radius": 4e-3}
+
+
+@pytest.fixture(scope="module")
+def diagnosis():
+    """An inclusion that was found, and that left more than noise from the fifth window on."""
+    inclusion = CATALOGUE["inclusion"]
+    limits = LIMITS | {"inclusion": 0.3}
+    passes = []
+    for best, rows in (("inclusion", 4.0 * hidden(4, (1, 0, 1))), (None, 0.0)):
+        ranked = {k: v for k, v in limits.items() if best or k != "inclusion"}
+        one = found(best, ranked, rivals=("density",) if best else ())
+        match = SimpleNamespace(**vars(left(rows)), problem=SimpleNamespace(probes=(PROBE,)))
+        passes.append(replace(one, match=match))
+    law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
+    model = Model(law, values, (Cause(inclusion, 2.0, BALL, 0.1),))
+    added = Naming(tuple(passes), model, model.causes, "ambiguous")
+    return Diagnosis(added, Model(law, values), (), 1000.0)
+
+
+def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):
+    told = json.loads(json.dumps(diagnosis.to_json()))
+    start = pytest.approx(float(PROBE.windows.ends[4].mean()))
+    assert told["effects"][0]["onset"] == {"probe 1": start}
+    first, last = (one["ledgers"][0] for one in told["passes"])
+    assert first["onset"] == start and first["interior"] > 1.2
+    assert last["onset"] is None and last["interior"] == pytest.approx(1.0, abs=0.15)
+    assert told["advice"]["apart"][0]["other"] == "density"
+
+
+def test_both_maps_have_one_scale_and_show_the_place(diagnosis):
+    figure = places(*diagnosis.ledgers, diagnosis.naming.model.causes)
+    shown = [axes for axes in figure.axes if axes.images]
+    assert len(shown) == 6
+    assert len({axes.images[0].get_clim() for axes in shown}) == 1
+    centres = [axes.patches[0].center for axes in shown]
+    assert np.allclose(centres[:3], [(-5.0, 15.0), (5.0, 15.0), (5.0, -5.0)])  # along x, y, z
+    corner = [(0, 1), (1, 1), (1, 0)]  # across and up: where the ball is
+    for before, after, wanted in zip(shown[:3], shown[3:], corner, strict=True):
+        first, last = (axes.images[0].get_array() for axes in (before, after))
+        up, across = np.unravel_index(np.argmax(first), first.shape)
+        assert (across // (CELLS // 2), up // (CELLS // 2)) == wanted
+        assert last.max() < 0.3 * first.max()
+
+
+def test_cells_that_no_row_sees_stay_blank(diagnosis):
+    share = diagnosis.ledgers[0][0].share.copy()
+    share[..., 0] = 0.0  # fields that keep clear of the floor
+    own = [replace(one, share=share) for (one,) in diagnosis.ledgers]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = places(own[:1], own[1:])
+    values = figure.axes[0].images[0].get_array()
+    assert np.ma.getmaskarray(np.ma.masked_invalid(values)).sum(axis=1).tolist() == [
+        CELLS,
+        *5 * [0],
+    ]
+    assert not figure.axes[0].patches
+
+
+def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
+    command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
+    diagnosis_page(diagnosis, {"damping": 100.0}, tmp_path / "r.html", command=command)
+    page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
+    assert "Where and when" in page and "circles: what was found there." in page
+    assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
+    assert "To tell inclusion from density" in page and escape(command) in page
+    assert "<td>damping</td><td>10</td><td>20</td><td>1 to 1000</td>" in page  # ten deviations
+    assert "<td>drag</td><td>over 100</td>" in page
+    assert "before_after.html" not in page
+
+
+def test_the_next_command_is_the_same_with_one_recording_more():
+    own = Diagnose(
+        recording=(Path("my press.h5"), Path("shake.h5")),
+        law="yeoh",
+        holdout=(Path("a.h5"), Path("b.h5")),
+        effects=Path("own.py"),
+        dx=0.002,
+    )
+    first, *words = shlex.split(own._again(Path("runs/x")))
+    more = replace(own, recording=(*own.recording, Path("NEXT.h5")), out=Path("runs/x-next"))
+    assert first == "form-drake" and _parse(words) == more
+
+
+def shaken(size=1e-3, points=40):
+    """A measured motion, one predicted far off and one near; a point is lost for some frames."""
+    still = block(points)
+    sway = np.sin(2.0 * np.pi * still.time)[:, None, None] * [size, 0.0, 0.0]
+    swayed = still.p_WQ + sway
+    valid = np.ones(swayed.shape[:2], dtype=bool)
+    valid[10:20, 3] = False
+    valid[0] = False  # nothing is seen in the first frame
+    seen = np.where(valid[..., None], swayed, np.nan)
+    made = (seen, swayed + np.array([0.0, 5e-4, 0.0]), swayed + np.array([0.0, 0.0, 1e-4]))
+    return [replace(still, p_WQ=p, p_reference=still.reference, valid=valid) for p in made]
+
+
+def test_three_bodies_stand_beside_each_other():
+    seen, before, after = shaken()
+    shown = Beside.of(seen, before, after)
+    width = np.ptp(seen.reference[:, 0])
+    assert np.diff(np.nanmean(shown.p_WQ[:, :, :, 0], axis=(0, 2))) == pytest.approx(
+        2 * [APART * width]
+    )
+    assert shown.p_WQ[:, 1, 0] == pytest.approx(seen.p_WQ[:, 0], nan_ok=True)
+    assert np.isnan(shown.p_WQ[15, :, 3]).all() and np.isnan(shown.apart[15, :, 3]).all()
+    assert np.isnan(shown.rms[0]).all()
+    assert shown.rms[1:] == pytest.approx(np.tile([0.5, 0.1], (FRAMES - 1, 1)))
+    marked = replace(seen, p_WQ=before.p_WQ)  # a place is given, and told not to be measured
+    assert np.isnan(Beside.of(marked, before, after).p_WQ[15, :, 3]).all()
+    assert shown.noise == pytest.approx(1e-2 * np.sqrt(3.0))  # of all three coordinates
+    less = shown.chosen(4, 10)
+    assert less.p_WQ.shape == (4, 3, 10, 3) and less.time[[0, -1]] == pytest.approx([0.0, 1.5])
+    with pytest.raises(ValueError, match="must be the same"):
+        Beside.of(seen, before, block(30))
+
+
+def test_the_page_is_whole_and_as_small_as_it_must_be(tmp_path):
+    path = tmp_path / "page.html"
+    assert write_before_after(*shaken(), path, "a <b>") == (FRAMES, 40)
+    page = path.read_text()
+    assert "a &lt;b&gt;" in page and "noise alone makes 0.017 mm" in page
+    assert "rms 0.5 mm before (grey), 0.1 mm after (green)" in page
+    assert page.count("nothing measured") == 1
+    assert re.findall(r">(\w+)</span>", page)[-3:] == ["before", "measured", "after"]
+    whole = path.stat().st_size
+    limit = whole - 150_000
+    frames, points = write_before_after(*shaken(), path, "a", limit=limit)
+    assert path.stat().st_size <= limit and frames * points < 40 * FRAMES
+    path.unlink()
+    with pytest.raises(ValueError, match="no room"):
+        write_before_after(*shaken(), path, "a", limit=100_000)
+    assert not path.exists()
+
+
+@pytest.mark.browser
+def test_a_browser_plays_what_was_measured_and_predicted(tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no chromium: apt-get install chromium")
+    write_before_after(*shaken(), tmp_path / "page.html", "held out")
+    watch = (
+        "<script>window.errors = []; window.onerror = m => errors.push(m);"
+        "console.error = (...a) => errors.push(a.join(' '));</script>"
+    )
+    look = (
+        "<script>setTimeout(() => { viewer.animator.pause(); viewer.animator.seek(0.51);"
+        "viewer.render(); }, 1500); setTimeout(() => { tellTime(); const seen ="
+        f"[...Array({FRAMES}).keys()].filter(k => viewer.scene_tree.find(['frames', '' + k])"
+        ".object.visible); console.log('SEEN' + JSON.stringify({errors, seen,"
+        "now: document.getElementById('now').textContent})); }, 2500);</script>"
+    )
+    page = (tmp_path / "page.html").read_text()
+    page = page.replace("<head>", f"<head>{watch}", 1).replace("</body>", f"{look}</body>")
+    (tmp_path / "watched.html").write_text(page)
+    flags = (
+        "--no-sandbox --headless=new --disable-dev-shm-usage --use-angle=swiftshader"
+        " --enable-unsafe-swiftshader --hide-scrollbars --window-size=800,600"
+        " --virtual-time-budget=4000 --enable-logging=stderr"
+    )
+    told = subprocess.run(
+        [
+            browser,
+            *flags.split(),
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--screenshot={tmp_path / 'page.png'}",
+            (tmp_path / "watched.html").as_uri(),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    ).stderr
+    found = json.loads(re.search(r'"SEEN(\{.*\})", source', told).group(1))
+    assert found["errors"] == []
+    assert found["seen"] == [30]  # the one of 0.5 s
+    assert found["now"].startswith("t = 0.50 s, rms 0.5 mm before")
+    picture = imread(tmp_path / "page.png")[150:500, :, :3]
+    assert picture.std() > 0.05  # something stands before the background
