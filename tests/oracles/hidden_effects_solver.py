@@ -16,13 +16,14 @@ Newton keeps its factors while they serve.
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from hidden_effects_factors import Factors
 
 GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
 IJK = np.indices((3, 3, 3)).reshape(3, 27)
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
+FACTORS, DEPTH, PATIENCE, MOST = 30, 6, 6, 40
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
 
 
@@ -70,7 +71,7 @@ class Mesh:
         self.weight = weight[:, None] * self.size.prod(0)
         pairs = (self.cells[:, None] * len(self.volume) + self.cells[None]).ravel()
         unique, self._slot = np.unique(pairs, return_inverse=True)
-        self._row, self._column = np.divmod(unique, len(self.volume))
+        self.row, self.column = np.divmod(unique, len(self.volume))
 
     def area(self, axis):
         """Shares (n) [m^2] of the cross-section normal to ``axis``."""
@@ -90,7 +91,7 @@ class Mesh:
         return np.stack([np.bincount(nodes, f.ravel(), len(self.volume)) for f in local])
 
     def stiffness(self, A, blocks):
-        """Sparse stiffness (3n, 3n), rows by node and axis.
+        """Stiffness (pairs, 3, 3) of the pairs ``row``, ``column`` of nodes.
 
         Args:
             A: dP_iJ/dF_kL (3, 3, 3, 3, 27 E) [Pa].
@@ -99,14 +100,13 @@ class Mesh:
         side = 2 / self.size
         scale = side[:, None, None, None] * side[:, None] * self.weight
         A = A.reshape(3, 3, 3, 3, 27, -1) * scale
-        A = A.transpose(0, 2, 1, 3, 4, 5).reshape(9, 243, -1)
+        A = A.transpose(0, 2, 1, 3, 4, 5).reshape(9, 243, -1).astype(np.float32)
         pairs = self.slope[:, None, :, :, None] * self.slope[None, :, :, None, :]
-        full = pairs.reshape(243, 729).T @ A
+        full = pairs.reshape(243, 729).T.astype(np.float32) @ A
         data = [np.bincount(self._slot, block.ravel()) for block in full]
         data = np.stack(data, -1).reshape(-1, 3, 3)
-        data[self._row == self._column] += blocks.transpose(2, 0, 1)
-        start = np.searchsorted(self._row, np.arange(len(self.volume) + 1))
-        return sp.bsr_matrix((data, self._column, start), shape=(3 * len(self.volume),) * 2)
+        data[self.row == self.column] += blocks.transpose(2, 0, 1)
+        return data
 
     def sampler(self, points):
         """Sparse shape functions (Q, n) at the reference positions points (Q, 3) [m]."""
@@ -156,12 +156,32 @@ class Wall:
         return self.area * (normal + pull), slip, pressure
 
     def tangent(self, u, time):
-        """-d force/du (3, 3, m) [N/m] by differences."""
-        step, K = 1e-10, np.empty((3, 3, u.shape[1]))
-        for k in range(3):
-            moved = step * (np.arange(3) == k)[:, None]
-            K[:, k] = self.force(u - moved, time)[0] - self.force(u + moved, time)[0]
-        return K / (2 * step)
+        """-d force/du (3, 3, m) [N/m]."""
+        d = u - self.motion(time)[0][:, None]
+        g = self.side * d[self.axis] + self.gap
+        wide = (g - self.strength / self.stiffness) / self.separation
+        soft = np.where(wide < 1, -self.strength / self.separation, 0.0)
+        k = np.where((g < 0) | (wide < 0), self.stiffness, soft)
+        normal, across = np.outer(*[np.arange(3) == self.axis] * 2), np.arange(3) != self.axis
+        K = across[:, None, None] * np.eye(3)[:, :, None] * self.shear * np.ones(u.shape[1])
+        if np.isfinite(self.friction):
+            pull = across[:, None] * self.shear * (self.slip - d)
+            size = np.maximum(np.sqrt((pull**2).sum(0)), 1e-12)
+            most = self.friction * np.maximum(2 * self.past[0] - self.past[1], 0)
+            ray = pull / size
+            K = np.where(size > most, (K - self.shear * ray * ray[:, None]) * most / size, K)
+        return self.area * (K + normal[:, :, None] * k)
+
+
+def mixed(points, changes):
+    """Anderson's next point after ``points`` for which a modified Newton asked ``changes``."""
+    point, change = points[-1], changes[-1]
+    if len(points) == 1:
+        return point + change
+    turns = np.stack([(change - other).ravel() for other in changes[:-1]])
+    moves = np.stack([(point - other).ravel() for other in points[:-1]])
+    share = np.linalg.lstsq(turns @ turns.T, turns @ change.ravel(), rcond=1e-12)[0]
+    return point + change - (share @ (moves + turns)).reshape(point.shape)
 
 
 class Solver:
@@ -188,8 +208,8 @@ class Solver:
         self.u, self.v, self.a = (np.zeros_like(mesh.X) for _ in range(3))
         self.state = material.start(mesh.weight.size)
         fixed = np.any([mask for mask, _ in held], 0) if held else np.zeros(mesh.X.shape, bool)
-        self.fixed, self.free = fixed, np.flatnonzero(~fixed.T.ravel())
-        self.factors, self.key = None, None
+        self.fixed, self.factors, self.key = fixed, Factors(mesh, fixed), None
+        self.spent, self.served, self.old = 0, 0, True
         self.time, self.factorisations, self.iterations = 0.0, 0, 0
 
     def follow(self, u, v, a, time):
@@ -208,31 +228,27 @@ class Solver:
             force[:, wall.nodes] -= push
         return force, state, pushes
 
+    def springs(self, u, time):
+        """Stiffness (3, 3, n) [N/m] of the walls at the nodes."""
+        blocks = np.zeros((3, *u.shape))
+        for wall in self.walls:
+            blocks[:, :, wall.nodes] += wall.tangent(u[:, wall.nodes], time)
+        return blocks
+
     def factorise(self, u, v, speed, inertia, time, h):
         """Factorise the tangent at u; ``speed`` = dv/du [1/s], ``inertia`` = da/du [1/s^2]."""
         F, rate = self.mesh.gradient(u) + np.eye(3)[:, :, None], None
         if np.isfinite(h):
             rate = self.mesh.gradient(v)
         A = self.material.tangent(F, rate, speed, self.state, time, h)
-        blocks = np.eye(3)[:, :, None] * self.mass * (inertia + self.drag * speed)
-        for wall in self.walls:
-            blocks[:, :, wall.nodes] += wall.tangent(u[:, wall.nodes], time)
-        K = self.mesh.stiffness(A, blocks).tocsr()[self.free][:, self.free].tocsc()
-        options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
-        self.factors = splu(K, **options, options={"SymmetricMode": True})
+        walls = self.springs(u, time)
+        blocks = walls + np.eye(3)[:, :, None] * self.mass * (inertia + self.drag * speed)
+        self.factors.factorise(self.mesh.stiffness(A, blocks), walls)
         self.factorisations += 1
-
-    def corrected(self, force):
-        """Newton's change of u (3, n) for the residual ``force``, and its largest component [m]."""
-        change = np.zeros(force.size)
-        change[self.free] = self.factors.solve(-force.T.ravel()[self.free])
-        return change.reshape(-1, 3).T, np.abs(change).max()
+        self.spent, self.served, self.old = 0, 0, False
 
     def balance(self, u, v, a, time, h, speed=0.0, inertia=0.0, share=1.0):
         """Bring the free components into balance at ``time`` [s] and commit what follows.
-
-        Newton's step is cut where the work of the residual along it is beyond zero by half of what
-        it was short of zero.
 
         Args:
             u: Guess (3, n) [m], held components in place, with v and a that belong to it.
@@ -247,39 +263,89 @@ class Solver:
         old = np.where(self.fixed, 0.0, (1 - share) * self.a)
         share = np.where(self.fixed, 1.0, share)
         if self.key != h:
-            self.factors, self.key = None, h
+            self.old, self.key = True, h
+
+        def state(new):
+            """v, a and the residual at displacements."""
+            now = v + speed * (new - u), a + inertia * (new - u)
+            return now, self.residual(new, now[0], share * now[1] + old, time, h)
+
+        def factorise(new):
+            self.factorise(new, v + speed * (new - u), speed, inertia * share, time, h)
+
+        before = self.iterations
+        try:
+            u, (now, found) = self.bold(u, state, factorise, time)
+        except FloatingPointError:
+            u, (now, found) = self.cautious(u, state, factorise, time)
+        self.u, (self.v, self.a), self.time = u, now, time
+        self.spent, self.served = self.spent + self.iterations - before, self.served + 1
+        self.old = self.iterations - before > 1 + 1.2 * (FACTORS + self.spent) / self.served
+        force, self.state, pushes = found
+        self.reaction, self.pushes = force * self.fixed, [push for push, _, _ in pushes]
+        for wall, (_, slip, pressure) in zip(self.walls, pushes, strict=True):
+            wall.slip, wall.past = slip, np.stack([pressure, wall.past[0]])
+
+    def bold(self, u, state, factorise, time):
+        """Whole steps of Newton's method with factors that are kept, and Anderson's mixing."""
+        points, changes, sizes, expected = [], [], [], np.inf
+        for _ in range(MOST):
+            self.iterations += 1
+            found = state(u)
+            force = found[1][0]
+            small = np.abs(force[~self.fixed]).max() < TOLERANCE[1]
+            if small and expected < TOLERANCE[0]:
+                return u, found
+            slow = len(sizes) > PATIENCE and sizes[-1] > 0.3 * sizes[-1 - PATIENCE]
+            if self.old or slow:
+                factorise(u)
+                points, changes, sizes = [], [], []
+            elif self.factors.update(self.springs(u, time)):
+                points, changes = [], []
+            change = self.factors.solve(-force)
+            sizes.append(np.abs(change).max())
+            if small and sizes[-1] < TOLERANCE[0]:
+                return u, found
+            if len(sizes) > 1:
+                expected = sizes[-1] * min(1, sizes[-1] / sizes[-2])
+            points, changes = [*points[-DEPTH:], u], [*changes[-DEPTH:], change]
+            u = mixed(points, changes)
+        raise FloatingPointError(f"no balance at {time} s: corrections of {sizes[-1]:.1e} m")
+
+    def cautious(self, u, state, factorise, time):
+        """Newton's method, cut where the work of the residual along a step overshoots.
+
+        A step is cut where that work is beyond zero by half of what it was short of zero.
+        """
         base, move, last, scale, gain = u, np.zeros_like(u), np.inf, 1.0, np.inf
+        self.old = True
         for _ in range(80):
             self.iterations += 1
             new = base + scale * move
-            now = v + speed * (new - u), a + inertia * (new - u)
             try:
-                force, state, pushes = self.residual(new, now[0], share * now[1] + old, time, h)
+                found = state(new)
             except FloatingPointError:
                 if np.isinf(last):
                     raise
                 scale /= 2
                 continue
+            force = found[1][0]
             over = (move * force).sum()
             if over > 0.5 * gain and scale > 1e-3:
                 scale *= max(gain / (gain + over), 0.1)
                 continue
-            if self.factors is None:
-                self.factorise(new, now[0], speed, inertia * share, time, h)
-            change, size = self.corrected(force)
+            if self.old:
+                factorise(new)
+            change = self.factors.solve(-force)
+            size = np.abs(change).max()
             if size < TOLERANCE[0] and np.abs(force[~self.fixed]).max() < TOLERANCE[1]:
-                break
+                return new, found
             if size > 0.3 * last:
-                self.factorise(new, now[0], speed, inertia * share, time, h)
-                change, size = self.corrected(force)
+                factorise(new)
+                change = self.factors.solve(-force)
+                size = np.abs(change).max()
             base, move, last, scale, gain = new, change, size, 1.0, -(change * force).sum()
-        else:
-            raise FloatingPointError(f"no balance at {time} s: corrections of {size:.1e} m")
-        u, (v, a) = new, now
-        self.u, self.v, self.a, self.state, self.time = u, v, a, state, time
-        self.reaction, self.pushes = force * self.fixed, [push for push, _, _ in pushes]
-        for wall, (_, slip, pressure) in zip(self.walls, pushes, strict=True):
-            wall.slip, wall.past = slip, np.stack([pressure, wall.past[0]])
+        raise FloatingPointError(f"no balance at {time} s: corrections of {size:.1e} m")
 
     def rest(self, time=0.0):
         """Go to static equilibrium at ``time`` [s]."""
