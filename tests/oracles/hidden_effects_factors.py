@@ -12,6 +12,8 @@ import scipy.sparse as sp
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
+RANK = 1e-10  # of the Gram matrix of normalised secants
+
 
 def dissected(low, high):
     """Places (N, 3) in the box low <= k < high of a grid of 27-node bricks, as they are eliminated."""
@@ -91,3 +93,39 @@ class Factors:
         found = np.zeros(force.size)
         found[self.dofs] = y
         return found.reshape(-1, 3).T
+
+
+class Secants:
+    """What steps taken have taught of the tangent since its factorisation: Anderson's mixing."""
+
+    def __init__(self, depth):
+        """Remember ``depth`` steps."""
+        self.depth = depth
+        self.clear()
+
+    def clear(self):
+        """Forget all."""
+        self.moves, self.turns, self.gram = [], [], np.zeros((0, 0))
+
+    def learn(self, move, turn):
+        """A step ``move`` changed what the factors ask for by ``turn``."""
+        size = np.sqrt((turn**2).sum())
+        if size == 0:
+            return
+        old = len(self.turns) == self.depth
+        self.moves = [*self.moves[old:], (move + turn).ravel() / size]
+        self.turns = [*self.turns[old:], turn.ravel() / size]
+        row = np.array([self.turns[-1] @ turn for turn in self.turns])
+        gram = np.zeros((len(row),) * 2)
+        gram[:-1, :-1], gram[-1], gram[:, -1] = self.gram[old:, old:], row, row
+        self.gram = gram
+
+    def corrected(self, change):
+        """The change to make where the factors ask for ``change``."""
+        if not self.turns:
+            return change
+        flat = change.ravel()
+        share = np.linalg.lstsq(self.gram, np.array([t @ flat for t in self.turns]), rcond=RANK)[0]
+        for part, move in zip(share, self.moves, strict=True):
+            flat = flat - part * move
+        return flat.reshape(change.shape)

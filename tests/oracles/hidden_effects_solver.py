@@ -16,14 +16,15 @@ Newton keeps its factors while they serve.
 
 import numpy as np
 import scipy.sparse as sp
-from hidden_effects_factors import Factors
+from numpy.linalg import norm
+from hidden_effects_factors import Factors, Secants
 
 GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
 IJK = np.indices((3, 3, 3)).reshape(3, 27)
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
-FACTORS, DEPTH, PATIENCE, MOST = 30, 6, 6, 40
+FACTORS, DEPTH, PATIENCE, MOST = 30, 12, 6, 40
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
 
 
@@ -173,17 +174,6 @@ class Wall:
         return self.area * (K + normal[:, :, None] * k)
 
 
-def mixed(points, changes):
-    """Anderson's next point after ``points`` for which a modified Newton asked ``changes``."""
-    point, change = points[-1], changes[-1]
-    if len(points) == 1:
-        return point + change
-    turns = np.stack([(change - other).ravel() for other in changes[:-1]])
-    moves = np.stack([(point - other).ravel() for other in points[:-1]])
-    share = np.linalg.lstsq(turns @ turns.T, turns @ change.ravel(), rcond=1e-12)[0]
-    return point + change - (share @ (moves + turns)).reshape(point.shape)
-
-
 class Solver:
     """A body in motion: displacement u, velocity v, acceleration a (3, n), state of the law.
 
@@ -209,7 +199,8 @@ class Solver:
         self.state = material.start(mesh.weight.size)
         fixed = np.any([mask for mask, _ in held], 0) if held else np.zeros(mesh.X.shape, bool)
         self.fixed, self.factors, self.key = fixed, Factors(mesh, fixed), None
-        self.spent, self.served, self.old = 0, 0, True
+        self.spent, self.served, self.old, self.secants = 0, 0, True, Secants(DEPTH)
+        self.change, self.trend = np.zeros_like(self.u), np.zeros_like(self.u)
         self.time, self.factorisations, self.iterations = 0.0, 0, 0
 
     def follow(self, u, v, a, time):
@@ -244,6 +235,7 @@ class Solver:
         walls = self.springs(u, time)
         blocks = walls + np.eye(3)[:, :, None] * self.mass * (inertia + self.drag * speed)
         self.factors.factorise(self.mesh.stiffness(A, blocks), walls)
+        self.secants.clear()
         self.factorisations += 1
         self.spent, self.served, self.old = 0, 0, False
 
@@ -288,7 +280,7 @@ class Solver:
 
     def bold(self, u, state, factorise, time):
         """Whole steps of Newton's method with factors that are kept, and Anderson's mixing."""
-        points, changes, sizes, expected = [], [], [], np.inf
+        sizes, expected, before = [], np.inf, None
         for _ in range(MOST):
             self.iterations += 1
             found = state(u)
@@ -299,17 +291,20 @@ class Solver:
             slow = len(sizes) > PATIENCE and sizes[-1] > 0.3 * sizes[-1 - PATIENCE]
             if self.old or slow:
                 factorise(u)
-                points, changes, sizes = [], [], []
+                sizes, before = [], None
             elif self.factors.update(self.springs(u, time)):
-                points, changes = [], []
+                self.secants.clear()
+                before = None
             change = self.factors.solve(-force)
+            if before:
+                self.secants.learn(u - before[0], change - before[1])
+            before, change = (u, change), self.secants.corrected(change)
             sizes.append(np.abs(change).max())
             if small and sizes[-1] < TOLERANCE[0]:
                 return u, found
             if len(sizes) > 1:
                 expected = sizes[-1] * min(1, sizes[-1] / sizes[-2])
-            points, changes = [*points[-DEPTH:], u], [*changes[-DEPTH:], change]
-            u = mixed(points, changes)
+            u = u + change
         raise FloatingPointError(f"no balance at {time} s: corrections of {sizes[-1]:.1e} m")
 
     def cautious(self, u, state, factorise, time):
@@ -357,8 +352,10 @@ class Solver:
 
     def step(self, h):
         """Move on by h [s], in halves where Newton fails."""
-        a, inertia = self.a.copy(), 1 / (NEWMARK_B * h**2)
-        u, v = self.u + h * self.v + h**2 / 2 * a, self.v + h * a
+        last, inertia = self.a, 1 / (NEWMARK_B * h**2)
+        a = last + self.trend * (self.key == h)
+        u = self.u + h * self.v + h**2 * ((0.5 - NEWMARK_B) * last + NEWMARK_B * a)
+        v = self.v + h * ((1 - NEWMARK_C) * last + NEWMARK_C * a)
         speed = NEWMARK_C * h * inertia
         self.follow(u, v, a, self.time + h)
         for wall in self.walls:  # what touches is guessed to keep its gap
@@ -375,3 +372,6 @@ class Solver:
                 raise
             self.step(h / 2)
             self.step(h / 2)
+        else:  # where the change of a before would have served as a guess, the next one follows it
+            change, self.change = self.change, self.a - last
+            self.trend = self.change * (norm(self.change - change) < norm(self.change))
