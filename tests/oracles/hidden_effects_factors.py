@@ -53,7 +53,7 @@ class Factors:
         self.blocks, self.firm = blocks, np.zeros(len(self.rank))
         self.firm[self.dofs] = np.abs(K.diagonal())
         self.known, self.columns = {}, np.zeros((0, len(self.dofs)), np.float32)
-        self.change, self.at = None, None
+        self.change, self.at = np.zeros_like(blocks), []
 
     def update(self, blocks):
         """Follow walls whose stiffness is now ``blocks``; True where that changes the inverse."""
@@ -61,12 +61,12 @@ class Factors:
         most = np.abs(change).max(1).T.ravel()  # by node and axis
         moved = most > 0.3 * self.firm
         change = change * (moved & (self.rank >= 0)).reshape(-1, 3).T[:, None]
-        if self.change is not None and np.allclose(change, self.change, rtol=0.1, atol=0):
+        if not (np.abs(change - self.change) > 0.1 * np.abs(self.change)).any():
             return False
-        before, self.change = self.change, change
+        self.change = change
         self.at = at = np.flatnonzero(moved & (self.rank >= 0))
         if not len(at):
-            return before is not None and np.any(before != 0)
+            return True
         self.extend([k for k in at if k not in self.known])
         self.sides = self.columns[[self.known[k] for k in at]]
         C = self.sides[:, self.rank[at]].T.astype(float)
@@ -87,7 +87,7 @@ class Factors:
     def solve(self, force):
         """Displacement (3, n) [m] under forces (3, n) [N] on the free components."""
         y = self.lu.solve(force.T.ravel()[self.dofs].astype(np.float32)).astype(float)
-        if self.at is not None and len(self.at):
+        if len(self.at):
             z = lu_solve(self.middle, self.d @ y[self.rank[self.at]])
             y -= z @ self.sides
         found = np.zeros(force.size)

@@ -19,7 +19,6 @@ An isotropic swelling e puts F/(1 + e) for F in the elastic terms; tau stays per
 import numpy as np
 
 EYE = np.eye(3)[:, :, None]
-NEXT, LAST = [1, 2, 0], [2, 0, 1]
 RATE = 1e-3  # D0, below which rate dependence turns viscous [1/s]
 
 
@@ -35,9 +34,9 @@ def turned(a):
 
 def cofactor(F):
     """J F^-T (3, 3, N)."""
-    one, two = F[[1, 2, 0]], F[[2, 0, 1]]
-    found = one[:, NEXT] * two[:, LAST]
-    found -= one[:, LAST] * two[:, NEXT]
+    found = np.empty_like(F)
+    for i, k in np.ndindex(3, 3):
+        found[i, k] = F[i - 2, k - 2] * F[i - 1, k - 1] - F[i - 2, k - 1] * F[i - 1, k - 2]
     return found
 
 

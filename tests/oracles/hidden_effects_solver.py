@@ -24,7 +24,7 @@ IJK = np.indices((3, 3, 3)).reshape(3, 27)
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
-FACTORS, DEPTH, PATIENCE, MOST = 30, 12, 6, 40
+FACTORS, DEPTH, HOLD, PATIENCE, MOST = 30, 12, 6, 6, 40
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
 
 
@@ -292,7 +292,7 @@ class Solver:
             if self.old or slow:
                 factorise(u)
                 sizes, before = [], None
-            elif self.factors.update(self.springs(u, time)):
+            elif len(sizes) < HOLD and self.factors.update(self.springs(u, time)):
                 self.secants.clear()
                 before = None
             change = self.factors.solve(-force)
