@@ -1,7 +1,6 @@
-"""Mesh, contact and time stepping of the hidden-effects solids. SI units.
+"""Contact and time stepping of the hidden-effects solids. SI units.
 
-Total Lagrangian 27-node bricks with 3 x 3 x 3 Gauss points and the lumped masses m of Simpson's
-rule. Arrays carry components first: u (3, n) over nodes. The balance of the nodes is
+Arrays carry components first: u (3, n) over nodes. The balance of nodes with lumped masses m is
 
     m a + int P grad N dV - m (g - c v) - walls - reaction = 0
 
@@ -15,110 +14,14 @@ Newton keeps its factors while they serve.
 """
 
 import numpy as np
-import scipy.sparse as sp
-from numpy.linalg import norm
 from hidden_effects_factors import Factors, Secants
+from numpy.linalg import norm
 
-GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
-IJK = np.indices((3, 3, 3)).reshape(3, 27)
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
-FACTORS, DEPTH, HOLD, PATIENCE, MOST = 30, 12, 6, 6, 40
+FACTORS, DEPTH, HOLD, PATIENCE, MOST, WARY = 30, 12, 6, 6, 40, 5
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
-
-
-def brick(s):
-    """The 27 quadratic shape functions (N, 27) at s (N, 3), and their gradients (N, 27, 3)."""
-    values = np.stack([s * (s - 1) / 2, 1 - s**2, s * (s + 1) / 2], -1)
-    slopes = np.stack([s - 0.5, -2 * s, s + 0.5], -1)
-    n, d = ([f[:, k, IJK[k]] for k in range(3)] for f in (values, slopes))
-    gradient = [d[0] * n[1] * n[2], n[0] * d[1] * n[2], n[0] * n[1] * d[2]]
-    return n[0] * n[1] * n[2], np.stack(gradient, -1)
-
-
-class Mesh:
-    """A box of 27-node bricks between the planes ``edges`` (three increasing arrays) [m].
-
-    Attributes:
-        X: Node positions (3, n) [m].
-        cells: Nodes of the elements (27, E).
-        points: Gauss points (3, 27 E) [m], elements running fastest.
-        size: Sides of the elements (3, E) [m].
-        volume: Shares of the volume at the nodes (n) [m^3].
-    """
-
-    def __init__(self, edges):
-        """Lay nodes and Gauss points."""
-        self.edges = edges = [np.asarray(e, float) for e in edges]
-        lines = [np.sort(np.concatenate([e, (e[1:] + e[:-1]) / 2])) for e in edges]
-        shares = []
-        for e in edges:
-            share = np.zeros(2 * len(e) - 1)
-            for k in range(3):
-                np.add.at(share, 2 * np.arange(len(e) - 1) + k, np.diff(e) * [1, 4, 1][k] / 6)
-            shares.append(share)
-        self.shape, self.shares = tuple(len(line) for line in lines), shares
-        self.X = np.stack(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
-        self.volume = np.einsum("i,j,k->ijk", *shares).ravel()
-        element = np.indices([len(e) - 1 for e in edges]).reshape(3, 1, -1)
-        self.cells = np.ravel_multi_index(tuple(2 * element + IJK[:, :, None]), self.shape)
-        self.size = np.stack([np.diff(e)[k[0]] for e, k in zip(edges, element, strict=True)])
-        s = np.stack(np.meshgrid(GAUSS, GAUSS, GAUSS, indexing="ij"), -1).reshape(27, 3)
-        value, slope = brick(s)
-        self.slope = slope.transpose(2, 0, 1)  # axis, Gauss point, node
-        self.points = (value @ self.X[:, self.cells]).reshape(3, -1)
-        weight = np.einsum("i,j,k->ijk", *[GAUSS_WEIGHT] * 3).ravel() / 8
-        self.weight = weight[:, None] * self.size.prod(0)
-        pairs = (self.cells[:, None] * len(self.volume) + self.cells[None]).ravel()
-        unique, self._slot = np.unique(pairs, return_inverse=True)
-        self.row, self.column = np.divmod(unique, len(self.volume))
-
-    def area(self, axis):
-        """Shares (n) [m^2] of the cross-section normal to ``axis``."""
-        one = [s if k != axis else np.ones_like(s) for k, s in enumerate(self.shares)]
-        return np.einsum("i,j,k->ijk", *one).ravel()
-
-    def gradient(self, u):
-        """Gradients (3, 3, 27 E) of the nodal field u (3, n) at the Gauss points."""
-        G = self.slope.reshape(81, 27) @ u[:, self.cells]
-        return (G.reshape(3, 3, 27, -1) * (2 / self.size[:, None])).reshape(3, 3, -1)
-
-    def internal(self, P):
-        """Nodal forces (3, n) [N] of the stresses P (3, 3, 27 E): int P grad N dV."""
-        P = P.reshape(3, 3, 27, -1) * (self.weight * (2 / self.size[:, None]))
-        local = self.slope.reshape(81, 27).T @ P.reshape(3, 81, -1)
-        nodes = self.cells.ravel()
-        return np.stack([np.bincount(nodes, f.ravel(), len(self.volume)) for f in local])
-
-    def stiffness(self, A, blocks):
-        """Stiffness (pairs, 3, 3) of the pairs ``row``, ``column`` of nodes.
-
-        Args:
-            A: dP_iJ/dF_kL (3, 3, 3, 3, 27 E) [Pa].
-            blocks: Added at the nodes (3, 3, n) [N/m].
-        """
-        side = 2 / self.size
-        scale = side[:, None, None, None] * side[:, None] * self.weight
-        A = A.reshape(3, 3, 3, 3, 27, -1) * scale
-        A = A.transpose(0, 2, 1, 3, 4, 5).reshape(9, 243, -1).astype(np.float32)
-        pairs = self.slope[:, None, :, :, None] * self.slope[None, :, :, None, :]
-        full = pairs.reshape(243, 729).T.astype(np.float32) @ A
-        data = [np.bincount(self._slot, block.ravel()) for block in full]
-        data = np.stack(data, -1).reshape(-1, 3, 3)
-        data[self.row == self.column] += blocks.transpose(2, 0, 1)
-        return data
-
-    def sampler(self, points):
-        """Sparse shape functions (Q, n) at the reference positions points (Q, 3) [m]."""
-        cell, s = np.empty(points.shape, int), np.empty(points.shape)
-        for axis, e in enumerate(self.edges):
-            k = np.clip(np.searchsorted(e, points[:, axis], "right") - 1, 0, len(e) - 2)
-            cell[:, axis], s[:, axis] = k, 2 * (points[:, axis] - e[k]) / (e[k + 1] - e[k]) - 1
-        grid = 2 * cell.T[:, :, None] + IJK[:, None, :]
-        column = np.ravel_multi_index(tuple(grid), self.shape)
-        entries = (brick(s)[0].ravel(), column.ravel(), 27 * np.arange(len(points) + 1))
-        return sp.csr_matrix(entries, (len(points), len(self.volume)))
 
 
 class Wall:
@@ -199,7 +102,8 @@ class Solver:
         self.state = material.start(mesh.weight.size)
         fixed = np.any([mask for mask, _ in held], 0) if held else np.zeros(mesh.X.shape, bool)
         self.fixed, self.factors, self.key = fixed, Factors(mesh, fixed), None
-        self.spent, self.served, self.old, self.secants = 0, 0, True, Secants(DEPTH)
+        self.spent, self.served, self.wary = 0, 0, 0
+        self.old, self.secants = True, Secants(DEPTH)
         self.change, self.trend = np.zeros_like(self.u), np.zeros_like(self.u)
         self.time, self.factorisations, self.iterations = 0.0, 0, 0
 
@@ -267,8 +171,11 @@ class Solver:
 
         before = self.iterations
         try:
+            if self.wary:
+                raise FloatingPointError
             u, (now, found) = self.bold(u, state, factorise, time)
         except FloatingPointError:
+            self.wary = self.wary - 1 if self.wary else WARY
             u, (now, found) = self.cautious(u, state, factorise, time)
         self.u, (self.v, self.a), self.time = u, now, time
         self.spent, self.served = self.spent + self.iterations - before, self.served + 1
@@ -280,7 +187,7 @@ class Solver:
 
     def bold(self, u, state, factorise, time):
         """Whole steps of Newton's method with factors that are kept, and Anderson's mixing."""
-        sizes, expected, before = [], np.inf, None
+        sizes, expected, before, turns = [], np.inf, None, 0
         for _ in range(MOST):
             self.iterations += 1
             found = state(u)
@@ -292,9 +199,11 @@ class Solver:
             if self.old or slow:
                 factorise(u)
                 sizes, before = [], None
-            elif len(sizes) < HOLD and self.factors.update(self.springs(u, time)):
+            elif self.factors.update(self.springs(u, time)):
                 self.secants.clear()
-                before = None
+                before, turns = None, turns + 1
+                if turns > HOLD:
+                    break
             change = self.factors.solve(-force)
             if before:
                 self.secants.learn(u - before[0], change - before[1])
@@ -313,7 +222,7 @@ class Solver:
         A step is cut where that work is beyond zero by half of what it was short of zero.
         """
         base, move, last, scale, gain = u, np.zeros_like(u), np.inf, 1.0, np.inf
-        self.old = True
+        self.secants.clear()
         for _ in range(80):
             self.iterations += 1
             new = base + scale * move
@@ -331,11 +240,12 @@ class Solver:
                 continue
             if self.old:
                 factorise(new)
+            moved = self.factors.update(self.springs(new, time))
             change = self.factors.solve(-force)
             size = np.abs(change).max()
             if size < TOLERANCE[0] and np.abs(force[~self.fixed]).max() < TOLERANCE[1]:
                 return new, found
-            if size > 0.3 * last:
+            if size > 0.3 * last and not moved:
                 factorise(new)
                 change = self.factors.solve(-force)
                 size = np.abs(change).max()
