@@ -24,6 +24,9 @@ Files: NAME.npz as by ``finite_elements.py``: time (T), p_WQ (T, P, 3) in float3
 the force of the material on the tool, each beside its _time (S). NAME.json: geometry, contact,
 law. noise.json: seed and standard deviations of the noise that ``noisy`` adds. The truth goes to
 the key file alone, with ``noise`` where the noise is another one than stated.
+
+Where a specimen has no balance (it collapses under what was drawn, say), the coefficients of the
+same effects are drawn anew from seed and count, at most four times; the key holds the ``draw``.
 """
 
 import argparse
@@ -37,6 +40,7 @@ from hidden_effects_probes import DENSITY, LAYERS, inside, simulated
 
 PROBES = ["press", "shake", "heldout"]
 SIGMA, FORCE_NOISE, WAVES = 5e-5, 0.01, 200
+DRAWS = 5
 
 
 def rotation(axis, angle):
@@ -151,9 +155,16 @@ def main():
         import hidden_effects_check
 
         return hidden_effects_check.main(args.seed)
-    truth, begun = case_of(args.seed, args.kind, args.effect, small=args.small), clock.time()
-    points = args.points or (150 if args.small else 330)
-    made(truth, args.out / truth["id"], args.level, points)
+    begun, points = clock.time(), args.points or (150 if args.small else 330)
+    for draw in range(DRAWS):
+        truth = case_of(args.seed, args.kind, args.effect, args.small, draw)
+        try:
+            made(truth, args.out / truth["id"], args.level, points)
+            break
+        except FloatingPointError as error:
+            print(f"{truth['id']}, draw {draw}: {error}")
+    else:
+        raise SystemExit(f"{truth['id']}: no balance in {DRAWS} draws")
     key = args.key or args.out.resolve().parent / "key.json"
     known = json.loads(key.read_text()) if key.exists() else {}
     known[truth["id"]] = truth | {"level": args.level}

@@ -28,7 +28,7 @@ EFFECTS = {
     "gravity-tilt": {"angle": (0.06, 0.35, 0.03)},
     "density": {"excess": (0.1, 0.5, 0.04, 1, "+-")},
     "added-mass": {"mass": (2e-3, 1.5e-2, 8e-4), "radius": (3e-3, 6e-3, 4e-3)},
-    "drag": {"c": (2, 30, 0.6)},
+    "drag": {"c": (15, 120, 4.5)},
     "tool-friction": {"friction": (0.05, 0.5, 0.015)},
     "adhesion": {"strength": (200, 2000, 60)},
     "floor-slip": {"shear": (0.1, 1, 5, "E/mm"), "friction": (0.1, 0.4, 0.8)},
@@ -163,16 +163,17 @@ def chosen(kind, effect, rng):
     return names
 
 
-def case_of(seed, kind, effect=None, small=False):
-    """The truth of a case, as the key records it."""
+def case_of(seed, kind, effect=None, small=False, draw=0):
+    """The truth of a case, as the key records it; ``draw`` counts draws of the coefficients."""
     body = specimen(np.random.default_rng([seed, 0]), small)
     rng = np.random.default_rng([seed, 1])
     names = chosen(kind, effect, rng)
     if {"tool-friction", "adhesion"} & set(names):
         body["bonded"], body["opens"] = False, body["opens"] or "adhesion" in names
+    rng = np.random.default_rng([seed, 1, draw]) if draw else rng
     effects = {name: drawn(name, rng, body, kind == "near") for name in names}
     wrong = [{"factor": 2.0}, {"length": rng.uniform(0.004, 0.012), "time": rng.uniform(0.05, 0.3)}]
     noise = wrong[rng.integers(2)] if kind == "noise" else {}
     name = hashlib.sha256(f"hidden effects {seed} {kind} {effect} {small}".encode())
     return {"id": name.hexdigest()[:10], "seed": seed, "kind": kind, "small": small, "body": body,
-            "effects": effects, "noise": noise}  # fmt: skip
+            "effects": effects, "noise": noise, "draw": draw}  # fmt: skip

@@ -7,8 +7,9 @@ import numpy as np
 from hidden_effects import sensed
 from hidden_effects_cases import EFFECTS, OUTSIDE, case_of
 from hidden_effects_material import Material
+from hidden_effects_mesh import Mesh
 from hidden_effects_probes import inside, simulated, solver_of, still
-from hidden_effects_solver import Mesh, Solver
+from hidden_effects_solver import Solver
 from scipy.optimize import brentq
 
 E, NU, DENSITY = 45e3, 0.38, 1000.0

@@ -24,7 +24,7 @@ RATE = 1e-3  # D0, below which rate dependence turns viscous [1/s]
 
 def mul(a, b):
     """Products (3, 3, N) of matrices."""
-    return np.einsum("ijn,jkn->ikn", a, b)
+    return a[:, :1] * b[0] + a[:, 1:2] * b[1] + a[:, 2:] * b[2]
 
 
 def turned(a):
@@ -34,12 +34,17 @@ def turned(a):
 
 def cofactor(F):
     """J F^-T (3, 3, N)."""
-    return np.stack([np.cross(F[k - 2], F[k - 1], axis=0) for k in range(3)])
+    found = np.empty_like(F)
+    for i, k in np.ndindex(3, 3):
+        found[i, k] = F[i - 2, k - 2] * F[i - 1, k - 1] - F[i - 2, k - 1] * F[i - 1, k - 2]
+    return found
 
 
 def dev(a):
     """Deviators (3, 3, N)."""
-    return a - np.trace(a) / 3 * EYE
+    found = a.copy()
+    found[range(3), range(3)] -= np.trace(a) / 3
+    return found
 
 
 def norm(a):
@@ -118,10 +123,8 @@ class Material:
             Fa = np.einsum("ijn,j->in", F, p["a"]) / swollen
             tau = tau + p["k_f"] / 2 * ((Fa**2).sum(0) - 1) * Fa[:, None] * Fa
         if rate is not None and ("eta" in p or "eta_n" in p):
-            L = mul(rate, turned(cof / J))
-            D = (L + turned(L)) / 2
-            flow = (norm(D) ** 2 + RATE**2) ** ((p["n"] - 1) / 2)
-            tau = tau + 2 * J * (p.get("eta", 0.0) + p.get("eta_n", 0.0) * flow) * dev(D)
+            D, eta = self.viscosity(rate, cof / J)
+            tau = tau + 2 * J * eta * dev(D)
         return mul(tau, cof / J), state
 
     def shear(self, mu, Fbar, bbar, state, h):
@@ -156,14 +159,37 @@ class Material:
         H = np.where(more > 0, mul(mul(back, unimodular(s / mu)), turned(back)), state["H"])
         return s, {"H": H, "alpha": state["alpha"] + more}
 
+    def viscosity(self, rate, back):
+        """D [1/s] with back = F^-T, and the viscosity [Pa s]."""
+        p, L = self.p, mul(rate, turned(back))
+        D = (L + turned(L)) / 2
+        flow = (norm(D) ** 2 + RATE**2) ** ((p["n"] - 1) / 2)
+        return D, p.get("eta", 0.0) + p.get("eta_n", 0.0) * flow
+
     def tangent(self, F, rate, speed, state, time, h):
-        """dP_iJ/dF_kL (3, 3, 3, 3, N) [Pa] by differences, where dF/dt changes by ``speed`` dF."""
+        """dP_iJ/dF_kL (3, 3, 3, 3, N) [Pa], where dF/dt changes by ``speed`` dF.
+
+        By differences; of viscous stress that at a kept viscosity, since where n < 1/2 Newton's
+        own steps overshoot for ever.
+        """
         step, A = 1e-7, np.empty((3, 3, 3, 3, F.shape[2]))
-        P = self.stress(F, rate, state, time, h)[0]
+        P = self.stress(F, None, state, time, h)[0]
         for k, L in np.ndindex(3, 3):
-            moved, faster = F.copy(), None if rate is None else rate.copy()
+            moved = F.copy()
             moved[k, L] += step
-            if rate is not None:
-                faster[k, L] += speed * step
-            A[:, :, k, L] = (self.stress(moved, faster, state, time, h)[0] - P) / step
+            A[:, :, k, L] = (self.stress(moved, None, state, time, h)[0] - P) / step
+        if rate is not None and ("eta" in self.p or "eta_n" in self.p):
+            cof = cofactor(F)
+            J = np.einsum("in,in->n", F[0], cof[0])
+            A += self.viscous(J, cof / J, rate, speed)
+        return A
+
+    def viscous(self, J, back, rate, speed):
+        """The share of the viscous stress in the tangent (3, 3, 3, 3, N) [Pa], with back = F^-T."""
+        firm = J * speed * self.viscosity(rate, back)[1]
+        A = -2 / 3 * firm * back[:, :, None, None] * back
+        A += firm * back[:, None, None] * turned(back)[:, :, None]
+        metric = firm * mul(turned(back), back)
+        for k in range(3):
+            A[k, :, k] += metric
         return A

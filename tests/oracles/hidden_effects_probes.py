@@ -20,7 +20,8 @@ Contact of a frictionless plate is a spring of 2e10 Pa/m, with hidden friction o
 import numpy as np
 from hidden_effects_cases import GRAVITY, PRELOAD, along, burst, plate_motion
 from hidden_effects_material import Material
-from hidden_effects_solver import IJK, Mesh, Solver, Wall
+from hidden_effects_mesh import IJK, Mesh
+from hidden_effects_solver import Solver, Wall
 
 DENSITY, FPS, FORCE_RATE = 1000.0, 60, 240
 LAYERS = {"coarse": [1, 3.2], "medium": [1, 3, 4.4], "fine": [1, 2.5, 4.5, 5.5]}
@@ -87,7 +88,7 @@ def masses(effects, mesh):
     if ball := effects.get("added-mass"):
         x = np.random.default_rng(0).uniform(-1, 1, (8000, 3))
         x = ball["centre"] + ball["radius"] * x[(x**2).sum(1) < 1]
-        mass = mass + ball["mass"] * (mesh.sampler(x).T @ np.full(len(x), 1 / len(x)))
+        mass = mass + ball["mass"] * mesh.shared(x)
     return mass
 
 

@@ -1,7 +1,6 @@
-"""Mesh, contact and time stepping of the hidden-effects solids. SI units.
+"""Contact and time stepping of the hidden-effects solids. SI units.
 
-Total Lagrangian 27-node bricks with 3 x 3 x 3 Gauss points and the lumped masses m of Simpson's
-rule. Arrays carry components first: u (3, n) over nodes. The balance of the nodes is
+Arrays carry components first: u (3, n) over nodes. The balance of nodes with lumped masses m is
 
     m a + int P grad N dV - m (g - c v) - walls - reaction = 0
 
@@ -15,109 +14,14 @@ Newton keeps its factors while they serve.
 """
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from hidden_effects_factors import Factors, Secants
+from numpy.linalg import norm
 
-GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
-IJK = np.indices((3, 3, 3)).reshape(3, 27)
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
+FACTORS, DEPTH, HOLD, PATIENCE, MOST, WARY = 30, 12, 6, 6, 60, 5
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
-
-
-def brick(s):
-    """The 27 quadratic shape functions (N, 27) at s (N, 3), and their gradients (N, 27, 3)."""
-    values = np.stack([s * (s - 1) / 2, 1 - s**2, s * (s + 1) / 2], -1)
-    slopes = np.stack([s - 0.5, -2 * s, s + 0.5], -1)
-    n, d = ([f[:, k, IJK[k]] for k in range(3)] for f in (values, slopes))
-    gradient = [d[0] * n[1] * n[2], n[0] * d[1] * n[2], n[0] * n[1] * d[2]]
-    return n[0] * n[1] * n[2], np.stack(gradient, -1)
-
-
-class Mesh:
-    """A box of 27-node bricks between the planes ``edges`` (three increasing arrays) [m].
-
-    Attributes:
-        X: Node positions (3, n) [m].
-        cells: Nodes of the elements (27, E).
-        points: Gauss points (3, 27 E) [m], elements running fastest.
-        size: Sides of the elements (3, E) [m].
-        volume: Shares of the volume at the nodes (n) [m^3].
-    """
-
-    def __init__(self, edges):
-        """Lay nodes and Gauss points."""
-        self.edges = edges = [np.asarray(e, float) for e in edges]
-        lines = [np.sort(np.concatenate([e, (e[1:] + e[:-1]) / 2])) for e in edges]
-        shares = []
-        for e in edges:
-            share = np.zeros(2 * len(e) - 1)
-            for k in range(3):
-                np.add.at(share, 2 * np.arange(len(e) - 1) + k, np.diff(e) * [1, 4, 1][k] / 6)
-            shares.append(share)
-        self.shape, self.shares = tuple(len(line) for line in lines), shares
-        self.X = np.stack(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
-        self.volume = np.einsum("i,j,k->ijk", *shares).ravel()
-        element = np.indices([len(e) - 1 for e in edges]).reshape(3, 1, -1)
-        self.cells = np.ravel_multi_index(tuple(2 * element + IJK[:, :, None]), self.shape)
-        self.size = np.stack([np.diff(e)[k[0]] for e, k in zip(edges, element, strict=True)])
-        s = np.stack(np.meshgrid(GAUSS, GAUSS, GAUSS, indexing="ij"), -1).reshape(27, 3)
-        value, slope = brick(s)
-        self.slope = slope.transpose(2, 0, 1)  # axis, Gauss point, node
-        self.points = (value @ self.X[:, self.cells]).reshape(3, -1)
-        weight = np.einsum("i,j,k->ijk", *[GAUSS_WEIGHT] * 3).ravel() / 8
-        self.weight = weight[:, None] * self.size.prod(0)
-        pairs = (self.cells[:, None] * len(self.volume) + self.cells[None]).ravel()
-        unique, self._slot = np.unique(pairs, return_inverse=True)
-        self._row, self._column = np.divmod(unique, len(self.volume))
-
-    def area(self, axis):
-        """Shares (n) [m^2] of the cross-section normal to ``axis``."""
-        one = [s if k != axis else np.ones_like(s) for k, s in enumerate(self.shares)]
-        return np.einsum("i,j,k->ijk", *one).ravel()
-
-    def gradient(self, u):
-        """Gradients (3, 3, 27 E) of the nodal field u (3, n) at the Gauss points."""
-        G = self.slope.reshape(81, 27) @ u[:, self.cells]
-        return (G.reshape(3, 3, 27, -1) * (2 / self.size[:, None])).reshape(3, 3, -1)
-
-    def internal(self, P):
-        """Nodal forces (3, n) [N] of the stresses P (3, 3, 27 E): int P grad N dV."""
-        P = P.reshape(3, 3, 27, -1) * (self.weight * (2 / self.size[:, None]))
-        local = self.slope.reshape(81, 27).T @ P.reshape(3, 81, -1)
-        nodes = self.cells.ravel()
-        return np.stack([np.bincount(nodes, f.ravel(), len(self.volume)) for f in local])
-
-    def stiffness(self, A, blocks):
-        """Sparse stiffness (3n, 3n), rows by node and axis.
-
-        Args:
-            A: dP_iJ/dF_kL (3, 3, 3, 3, 27 E) [Pa].
-            blocks: Added at the nodes (3, 3, n) [N/m].
-        """
-        side = 2 / self.size
-        scale = side[:, None, None, None] * side[:, None] * self.weight
-        A = A.reshape(3, 3, 3, 3, 27, -1) * scale
-        A = A.transpose(0, 2, 1, 3, 4, 5).reshape(9, 243, -1)
-        pairs = self.slope[:, None, :, :, None] * self.slope[None, :, :, None, :]
-        full = pairs.reshape(243, 729).T @ A
-        data = [np.bincount(self._slot, block.ravel()) for block in full]
-        data = np.stack(data, -1).reshape(-1, 3, 3)
-        data[self._row == self._column] += blocks.transpose(2, 0, 1)
-        start = np.searchsorted(self._row, np.arange(len(self.volume) + 1))
-        return sp.bsr_matrix((data, self._column, start), shape=(3 * len(self.volume),) * 2)
-
-    def sampler(self, points):
-        """Sparse shape functions (Q, n) at the reference positions points (Q, 3) [m]."""
-        cell, s = np.empty(points.shape, int), np.empty(points.shape)
-        for axis, e in enumerate(self.edges):
-            k = np.clip(np.searchsorted(e, points[:, axis], "right") - 1, 0, len(e) - 2)
-            cell[:, axis], s[:, axis] = k, 2 * (points[:, axis] - e[k]) / (e[k + 1] - e[k]) - 1
-        grid = 2 * cell.T[:, :, None] + IJK[:, None, :]
-        column = np.ravel_multi_index(tuple(grid), self.shape)
-        entries = (brick(s)[0].ravel(), column.ravel(), 27 * np.arange(len(points) + 1))
-        return sp.csr_matrix(entries, (len(points), len(self.volume)))
 
 
 class Wall:
@@ -138,10 +42,17 @@ class Wall:
         self.strength, self.separation, self.friction = strength, separation, friction
         self.shear, self.slip = shear, np.zeros((3, len(nodes)))
         self.past = np.zeros((2, len(nodes)))  # pressures
+        self.seen = None, None
+
+    def place(self, time):
+        """Displacement (3) [m] of the wall."""
+        if self.seen[0] != time:
+            self.seen = time, self.motion(time)[0]
+        return self.seen[1]
 
     def force(self, u, time):
         """Forces on the nodes (3, m) [N] at displacements u (3, m) [m], slips and pressures."""
-        d = u - self.motion(time)[0][:, None]
+        d = u - self.place(time)[:, None]
         g = self.side * d[self.axis] + self.gap
         wide = (g - self.strength / self.stiffness) / self.separation
         most = self.strength * np.maximum(1 - wide, 0)
@@ -156,12 +67,21 @@ class Wall:
         return self.area * (normal + pull), slip, pressure
 
     def tangent(self, u, time):
-        """-d force/du (3, 3, m) [N/m] by differences."""
-        step, K = 1e-10, np.empty((3, 3, u.shape[1]))
-        for k in range(3):
-            moved = step * (np.arange(3) == k)[:, None]
-            K[:, k] = self.force(u - moved, time)[0] - self.force(u + moved, time)[0]
-        return K / (2 * step)
+        """-d force/du (3, 3, m) [N/m]."""
+        d = u - self.place(time)[:, None]
+        g = self.side * d[self.axis] + self.gap
+        wide = (g - self.strength / self.stiffness) / self.separation
+        soft = np.where(wide < 1, -self.strength / self.separation, 0.0)
+        k = np.where((g < 0) | (wide < 0), self.stiffness, soft)
+        normal, across = np.outer(*[np.arange(3) == self.axis] * 2), np.arange(3) != self.axis
+        K = across[:, None, None] * np.eye(3)[:, :, None] * self.shear * np.ones(u.shape[1])
+        if np.isfinite(self.friction):
+            pull = across[:, None] * self.shear * (self.slip - d)
+            size = np.maximum(np.sqrt((pull**2).sum(0)), 1e-12)
+            most = self.friction * np.maximum(2 * self.past[0] - self.past[1], 0)
+            ray = pull / size
+            K = np.where(size > most, (K - self.shear * ray * ray[:, None]) * most / size, K)
+        return self.area * (K + normal[:, :, None] * k)
 
 
 class Solver:
@@ -188,8 +108,10 @@ class Solver:
         self.u, self.v, self.a = (np.zeros_like(mesh.X) for _ in range(3))
         self.state = material.start(mesh.weight.size)
         fixed = np.any([mask for mask, _ in held], 0) if held else np.zeros(mesh.X.shape, bool)
-        self.fixed, self.free = fixed, np.flatnonzero(~fixed.T.ravel())
-        self.factors, self.key = None, None
+        self.fixed, self.factors, self.key = fixed, Factors(mesh, fixed), None
+        self.spent, self.served, self.wary = 0, 0, 0
+        self.old, self.secants = True, Secants(DEPTH)
+        self.change, self.trend = np.zeros_like(self.u), np.zeros_like(self.u)
         self.time, self.factorisations, self.iterations = 0.0, 0, 0
 
     def follow(self, u, v, a, time):
@@ -208,31 +130,28 @@ class Solver:
             force[:, wall.nodes] -= push
         return force, state, pushes
 
+    def springs(self, u, time):
+        """Stiffness (3, 3, n) [N/m] of the walls at the nodes."""
+        blocks = np.zeros((3, *u.shape))
+        for wall in self.walls:
+            blocks[:, :, wall.nodes] += wall.tangent(u[:, wall.nodes], time)
+        return blocks
+
     def factorise(self, u, v, speed, inertia, time, h):
         """Factorise the tangent at u; ``speed`` = dv/du [1/s], ``inertia`` = da/du [1/s^2]."""
         F, rate = self.mesh.gradient(u) + np.eye(3)[:, :, None], None
         if np.isfinite(h):
             rate = self.mesh.gradient(v)
         A = self.material.tangent(F, rate, speed, self.state, time, h)
-        blocks = np.eye(3)[:, :, None] * self.mass * (inertia + self.drag * speed)
-        for wall in self.walls:
-            blocks[:, :, wall.nodes] += wall.tangent(u[:, wall.nodes], time)
-        K = self.mesh.stiffness(A, blocks).tocsr()[self.free][:, self.free].tocsc()
-        options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
-        self.factors = splu(K, **options, options={"SymmetricMode": True})
+        walls = self.springs(u, time)
+        blocks = walls + np.eye(3)[:, :, None] * self.mass * (inertia + self.drag * speed)
+        self.factors.factorise(self.mesh.stiffness(A, blocks), walls)
+        self.secants.clear()
         self.factorisations += 1
-
-    def corrected(self, force):
-        """Newton's change of u (3, n) for the residual ``force``, and its largest component [m]."""
-        change = np.zeros(force.size)
-        change[self.free] = self.factors.solve(-force.T.ravel()[self.free])
-        return change.reshape(-1, 3).T, np.abs(change).max()
+        self.spent, self.served, self.old = 0, 0, False
 
     def balance(self, u, v, a, time, h, speed=0.0, inertia=0.0, share=1.0):
         """Bring the free components into balance at ``time`` [s] and commit what follows.
-
-        Newton's step is cut where the work of the residual along it is beyond zero by half of what
-        it was short of zero.
 
         Args:
             u: Guess (3, n) [m], held components in place, with v and a that belong to it.
@@ -247,39 +166,98 @@ class Solver:
         old = np.where(self.fixed, 0.0, (1 - share) * self.a)
         share = np.where(self.fixed, 1.0, share)
         if self.key != h:
-            self.factors, self.key = None, h
+            self.old, self.key = True, h
+
+        def state(new):
+            """v, a and the residual at displacements."""
+            now = v + speed * (new - u), a + inertia * (new - u)
+            return now, self.residual(new, now[0], share * now[1] + old, time, h)
+
+        def factorise(new):
+            self.factorise(new, v + speed * (new - u), speed, inertia * share, time, h)
+
+        before = self.iterations
+        try:
+            if self.wary:
+                raise FloatingPointError
+            u, (now, found) = self.bold(u, state, factorise, time)
+        except FloatingPointError:
+            self.wary = self.wary - 1 if self.wary else WARY
+            u, (now, found) = self.cautious(u, state, factorise, time)
+        self.u, (self.v, self.a), self.time = u, now, time
+        self.spent, self.served = self.spent + self.iterations - before, self.served + 1
+        self.old = self.iterations - before > 1 + 1.2 * (FACTORS + self.spent) / self.served
+        force, self.state, pushes = found
+        self.reaction, self.pushes = force * self.fixed, [push for push, _, _ in pushes]
+        for wall, (_, slip, pressure) in zip(self.walls, pushes, strict=True):
+            wall.slip, wall.past = slip, np.stack([pressure, wall.past[0]])
+
+    def bold(self, u, state, factorise, time):
+        """Whole steps of Newton's method with factors that are kept, and Anderson's mixing."""
+        sizes, expected, before, turns = [], np.inf, None, 0
+        for _ in range(MOST):
+            self.iterations += 1
+            found = state(u)
+            force = found[1][0]
+            small = np.abs(force[~self.fixed]).max() < TOLERANCE[1]
+            if small and expected < TOLERANCE[0]:
+                return u, found
+            slow = len(sizes) > PATIENCE and sizes[-1] > 0.3 * sizes[-1 - PATIENCE]
+            if self.old or slow:
+                factorise(u)
+                sizes, before = [], None
+            elif self.factors.update(self.springs(u, time)):
+                self.secants.clear()
+                before, turns = None, turns + 1
+                if turns > HOLD:
+                    break
+            change = self.factors.solve(-force)
+            if before:
+                self.secants.learn(u - before[0], change - before[1])
+            before, change = (u, change), self.secants.corrected(change)
+            sizes.append(np.abs(change).max())
+            if small and sizes[-1] < TOLERANCE[0]:
+                return u, found
+            if len(sizes) > 1:
+                expected = sizes[-1] * min(1, sizes[-1] / sizes[-2])
+            u = u + change
+        raise FloatingPointError(f"no balance at {time} s: corrections of {sizes[-1]:.1e} m")
+
+    def cautious(self, u, state, factorise, time):
+        """Newton's method, cut where the work of the residual along a step overshoots.
+
+        A step is cut where that work is beyond zero by half of what it was short of zero.
+        """
         base, move, last, scale, gain = u, np.zeros_like(u), np.inf, 1.0, np.inf
+        self.secants.clear()
         for _ in range(80):
             self.iterations += 1
             new = base + scale * move
-            now = v + speed * (new - u), a + inertia * (new - u)
             try:
-                force, state, pushes = self.residual(new, now[0], share * now[1] + old, time, h)
+                found = state(new)
             except FloatingPointError:
                 if np.isinf(last):
                     raise
                 scale /= 2
                 continue
+            force = found[1][0]
             over = (move * force).sum()
             if over > 0.5 * gain and scale > 1e-3:
                 scale *= max(gain / (gain + over), 0.1)
                 continue
-            if self.factors is None:
-                self.factorise(new, now[0], speed, inertia * share, time, h)
-            change, size = self.corrected(force)
+            if self.old:
+                factorise(new)
+            moved = self.factors.update(self.springs(new, time))
+            change = self.factors.solve(-force)
+            size = np.abs(change).max()
             if size < TOLERANCE[0] and np.abs(force[~self.fixed]).max() < TOLERANCE[1]:
-                break
-            if size > 0.3 * last:
-                self.factorise(new, now[0], speed, inertia * share, time, h)
-                change, size = self.corrected(force)
+                return new, found
+            if size > 0.3 * last and not moved:
+                factorise(new)
+                change = self.factors.solve(-force)
+                size = np.abs(change).max()
             base, move, last, scale, gain = new, change, size, 1.0, -(change * force).sum()
-        else:
-            raise FloatingPointError(f"no balance at {time} s: corrections of {size:.1e} m")
-        u, (v, a) = new, now
-        self.u, self.v, self.a, self.state, self.time = u, v, a, state, time
-        self.reaction, self.pushes = force * self.fixed, [push for push, _, _ in pushes]
-        for wall, (_, slip, pressure) in zip(self.walls, pushes, strict=True):
-            wall.slip, wall.past = slip, np.stack([pressure, wall.past[0]])
+        raise FloatingPointError(f"no balance at {time} s: corrections of {size:.1e} m")
 
     def rest(self, time=0.0):
         """Go to static equilibrium at ``time`` [s]."""
@@ -291,13 +269,15 @@ class Solver:
 
     def step(self, h):
         """Move on by h [s], in halves where Newton fails."""
-        a, inertia = self.a.copy(), 1 / (NEWMARK_B * h**2)
-        u, v = self.u + h * self.v + h**2 / 2 * a, self.v + h * a
+        last, inertia = self.a, 1 / (NEWMARK_B * h**2)
+        a = last + self.trend * (self.key == h)
+        u = self.u + h * self.v + h**2 * ((0.5 - NEWMARK_B) * last + NEWMARK_B * a)
+        v = self.v + h * ((1 - NEWMARK_C) * last + NEWMARK_C * a)
         speed = NEWMARK_C * h * inertia
         self.follow(u, v, a, self.time + h)
         for wall in self.walls:  # what touches is guessed to keep its gap
             on, k = wall.nodes[wall.past[0] > 0], wall.axis
-            moved = wall.motion(self.time + h)[0][k] - wall.motion(self.time)[0][k]
+            moved = -wall.place(self.time)[k] + wall.place(self.time + h)[k]
             change = self.u[k, on] + moved - u[k, on]
             u[k, on] += change
             v[k, on] += speed * change
@@ -309,3 +289,6 @@ class Solver:
                 raise
             self.step(h / 2)
             self.step(h / 2)
+        else:  # where the change of a before would have served as a guess, the next one follows it
+            change, self.change = self.change, self.a - last
+            self.trend = self.change * (norm(self.change - change) < norm(self.change))
