@@ -1,6 +1,7 @@
 """Where and when a twin leaves something over: rows by ledger, place in the body and moment.
 
-Rows whose field carries a measured force are the tool's ledger, all others that of the interior.
+Rows whose field carries a measured force are the tool's ledger, those that tell how faces are held
+that of contact, all others that of the interior.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,10 @@ from scipy.stats import chi2
 
 from form_drake.diagnose.match import Match
 from form_drake.motion import Body
+from form_drake.weak.contact import HeldFields, OpenFields
 from form_drake.weak.probe import Probe
 
+BOOKS = ("interior", "tool", "contact")
 CELLS = 6  # of the body along each axis
 RARE = 1e-3  # chance that noise alone reaches the limit of a window
 
@@ -29,7 +32,7 @@ class Ledger:
         square: of what is left, one on average where that is noise, shape [rows].
         window: of every row, shape [rows].
         field: of every row, shape [rows].
-        tool: whether a row carries the force on a tool, shape [rows].
+        book: the ledger of every row, one of ``BOOKS``, shape [rows].
         share: of every field's weight in every cell of the body, shape [fields, cells, cells, cells].
     """
 
@@ -39,7 +42,7 @@ class Ledger:
     square: np.ndarray
     window: np.ndarray
     field: np.ndarray
-    tool: np.ndarray
+    book: np.ndarray
     share: np.ndarray
 
     @property
@@ -60,9 +63,9 @@ class Ledger:
         first = np.flatnonzero(above[:-1] & above[1:])
         return float(self.time[first[0]]) if len(first) else None
 
-    def mean(self, *, tool: bool) -> float | None:
+    def mean(self, book: str) -> float | None:
         """Mean square of one ledger; None: it has no rows."""
-        rows = self.tool == tool
+        rows = self.book == book
         return float(self.square[rows].mean()) if rows.any() else None
 
     @property
@@ -78,8 +81,8 @@ class Ledger:
         return np.divide(heat, seen, out=np.full(heat.shape, np.nan), where=seen > 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Mean squares of both ledgers, one on average where noise is left, and the onset [s]."""
-        own = {"interior": self.mean(tool=False), "tool": self.mean(tool=True)}
+        """Mean squares of the ledgers, one on average where noise is left, and the onset [s]."""
+        own = {book: self.mean(book) for book in BOOKS}
         return {"probe": self.name, **own, "onset": self.onset}
 
 
@@ -92,14 +95,14 @@ def ledgers(match: Match) -> tuple[Ledger, ...]:
 
 
 def _ledger(probe: Probe, factor: np.ndarray, left: np.ndarray) -> Ledger:
-    share, tool = _weights(probe)
+    share, book = _weights(probe)
     window, field = np.divmod(np.flatnonzero(probe.keep), len(share))
     square, raw = np.empty(len(left)), factor @ left
     for n in np.unique(window):
         own = window == n
         square[own] = _apart(factor[own] @ factor[own].T, raw[own]) ** 2
     time = probe.windows.ends.mean(axis=1)
-    return Ledger(probe.name, probe.body, time, square, window, field, tool[field], share)
+    return Ledger(probe.name, probe.body, time, square, window, field, book[field], share)
 
 
 def _apart(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -119,16 +122,18 @@ def _apart(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _weights(probe: Probe) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the fields' sizes in the cells, and which fields carry the force on a tool."""
+    """Shares of the fields' sizes in the cells, and the ledger of every field."""
     motion, body = probe.motion.at(slice(0, 1)), probe.body
     place = np.floor(CELLS * (motion.X - body.low) / (body.high - body.low)).astype(int)
     i, j, k = np.clip(place, 0, CELLS - 1).T
-    cell, shares, tools = (i * CELLS + j) * CELLS + k, [], []
+    cell, shares, books = (i * CELLS + j) * CELLS + k, [], []
     for family in probe.fields:
         size = motion.volume * np.linalg.norm(family.at(motion).value[0], axis=-1)
         total = np.stack([np.bincount(cell, one, CELLS**3) for one in size])
         shares.append(total / np.maximum(total.sum(axis=1, keepdims=True), 1e-300))
         ends = (np.abs(e).sum(axis=(0, 2)) for e in family.acting(motion).values())
-        tools.append(sum(ends, np.zeros(len(size))) > 0.0)
+        carries = sum(ends, np.zeros(len(size))) > 0.0
+        contact = isinstance(family, HeldFields | OpenFields)
+        books.append(np.where(contact, "contact", np.where(carries, "tool", "interior")))
     share = np.concatenate(shares).reshape(-1, CELLS, CELLS, CELLS)
-    return share, np.concatenate(tools)
+    return share, np.concatenate(books)

@@ -8,7 +8,7 @@ import numpy as np
 from form_drake.diagnose.advice import Limit
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
-from form_drake.diagnose.ledger import Ledger
+from form_drake.diagnose.ledger import BOOKS, Ledger
 from form_drake.diagnose.score import DETECTED, Score
 from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
@@ -16,8 +16,8 @@ from form_drake.report import Report
 UNVERIFIED = (
     "Thresholds come from neo-Hookean blocks that were pressed and shaken between bonded faces,"
     " simulated with this solver and with finite elements, with noise of 50 um in tracks and of 1 % in"
-    " forces; other bodies, laws, motions and noises may need others. Where an effect acts, and how"
-    " large its place is, was found before it was added and is not found again after."
+    " forces; other bodies, laws, motions and noises may need others. A stiff place was found with"
+    " two thirds of its factor times volume."
 )
 
 
@@ -98,12 +98,13 @@ def _left(page: Report, found: Diagnosis) -> None:
 
 def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
     rows = []
-    for tool, name in ((False, "interior"), (True, "force on tools")):
-        means = [one.mean(tool=tool) for one in (before, after)]
+    told = ("interior", "force on tools", "how faces are held")
+    for book, name in zip(BOOKS, told, strict=True):
+        means = [one.mean(book) for one in (before, after)]
         if None in means:
             continue
         starts = ["never" if one.onset is None else f"{one.onset:.2f}" for one in (before, after)]
-        count = str(int(np.sum(before.tool == tool)))
+        count = str(int(np.sum(before.book == book)))
         rows.append([f"{before.name}, {name}", count, *(f"{m:.3g}" for m in means), *starts])
     return rows
 

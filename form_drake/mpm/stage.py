@@ -174,6 +174,9 @@ class _Play:
         scene, world = self.scene, self.world
         still = _motions(self.paths, 0.0, 0.0)
         scene.tie(still)
+        for n, tool in enumerate(scene.tools):
+            if tool.contact == "tied":
+                scene.simulation.tools.grip(n, Grip(compliance=self._layer))
         snapshot = scene.start()
         if world.swelling:
             F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
@@ -188,7 +191,7 @@ class _Play:
             if tool.contact == 0.0:
                 scene.simulation.tools.grip(n, Grip(world.friction, world.adhesion))
             elif path.tool not in self.recording.forces:
-                scene.simulation.tools.grip(n, Grip(compliance=world.slipping))
+                scene.simulation.tools.grip(n, Grip(compliance=self._layer + world.slipping))
         frames, stamps, forces = [snapshot], [0.0], [snapshot.force]
         for start, end in pairwise(self._time):
             parts = int(np.ceil((end - start) / PERIOD - 1e-9))
@@ -202,6 +205,17 @@ class _Play:
         if not all(np.isfinite(f.p_WQ).all() for f in frames):
             raise ValueError("the simulation of the recorded scene does not stay finite")
         return frames, np.array([*stamps, end]), np.array([*forces, snapshot.force])
+
+    @cached_property
+    def _layer(self) -> float:
+        """Shear compliance of what lies between a face and the middle of the first layer [m/Pa].
+
+        Particles that were tied without it would move where material half a spacing off the face
+        does not: tracks near bonded faces would be 30 um off at 7 % of compression, not 12 um.
+        """
+        volume = self.scene.simulation.body.volume
+        _, shear = self.world.law.moduli(self.world.values)
+        return 0.5 * float(np.cbrt(volume).mean()) / shear
 
     def recorded(self) -> Recording:
         """What would have been recorded."""

@@ -109,9 +109,7 @@ class Tools:
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
-        self._grip = wp.array(
-            [_grip(tool).vector for tool in tools], dtype=t.vec3, device=device, ndim=1
-        )
+        self._grip = wp.array([_grip(tool).vector for tool in tools], dtype=t.vec3, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
