@@ -128,7 +128,9 @@ def _weights(probe: Probe) -> tuple[np.ndarray, np.ndarray]:
     i, j, k = np.clip(place, 0, CELLS - 1).T
     cell, shares, books = (i * CELLS + j) * CELLS + k, [], []
     for family in probe.fields:
-        size = motion.volume * np.linalg.norm(family.at(motion).value[0], axis=-1)
+        size = np.linalg.norm(family.at(motion).value[0], axis=-1)
+        if not isinstance(family, HeldFields):
+            size *= motion.volume
         total = np.stack([np.bincount(cell, one, CELLS**3) for one in size])
         shares.append(total / np.maximum(total.sum(axis=1, keepdims=True), 1e-300))
         ends = (np.abs(e).sum(axis=(0, 2)) for e in family.acting(motion).values())
