@@ -4,7 +4,7 @@ A twin is a simulation of the measured scenes with a model, read as the data are
 discretisation cost is in both, so that the gap between them is what the model has wrong.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +21,7 @@ from form_drake.weak.solve import Weights, weights
 
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
+ALIKE = 0.03  # of a value
 ALONE = 0.3  # of it, from one window to the next
 STEP = 0.2  # of the width of a shape parameter, in differences
 
@@ -44,13 +45,17 @@ class Match:
     scenes: Scenes
 
     @classmethod
-    def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
-        """Simulate, read, weigh."""
+    def of(
+        cls, problem: Problem, scenes: Scenes, model: Model, near: "Match | None" = None
+    ) -> "Match":
+        """Simulate, read, and weigh as ``near`` does if its values are nearly the same."""
         twin = twin_problem(
             problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
         )
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
+        if near is not None and alike(near.model.values, model.values):
+            return cls(problem, twin, near.by, model, scenes)
         noise = problem.noise(*problem.coordinates(model.values))
         noise = [
             n + layer_error(p, dx) for n, p, dx in zip(noise, twin.probes, scenes.dx, strict=True)
@@ -186,6 +191,11 @@ class Match:
             for c, s in zip(self.model.causes, parts, strict=True)
         ]
         return replace(self.model, causes=tuple(causes))
+
+
+def alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether values are so near to each other that noise does the same to the rows."""
+    return all(abs(other[k] - v) <= ALIKE * abs(v) for k, v in one.items())
 
 
 def layer_error(probe: Probe, dx: float) -> np.ndarray:

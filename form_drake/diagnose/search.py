@@ -15,8 +15,9 @@ from form_drake.diagnose.model import Model, Scenes
 from form_drake.identify.problem import Problem
 
 PASSES = 10  # simulations, at most
-SETTLED = 0.3  # standard deviations that are no change
+SETTLED = 0.5  # standard deviations that are no change
 SAME = 0.5  # of a whitened gap's square that is left to gain, which is not worth a simulation
+NOISE = 10.0  # of a whitened gap's square, by which noise in the data may raise it near its least
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
 FIRST, LARGER = 0.03, 10.0  # damping of a step that went too far, and by how much it grows
 
@@ -44,18 +45,17 @@ class Search:
         """Whitened, shape [rows, unknowns]."""
         return self.match.by.white(self.match.slopes + self.mended)
 
-    def _wanted(self, damping: float) -> np.ndarray:
+    def _wanted(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """Change of the unknowns: the law's, nonlinear ones last, then the causes'."""
-        columns = self._columns
         length = np.linalg.norm(columns, axis=0)
         ridge = np.sqrt(damping) * np.eye(len(length))
         rest = np.concatenate([self.match.gap, np.zeros(len(length))])
         found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]
         return np.asarray(found / length)
 
-    def _change(self, damping: float) -> np.ndarray:
+    def _change(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """The same within the bounds of the unknowns."""
-        own, *causes = np.split(self._wanted(damping), self.match.parts)
+        own, *causes = np.split(self._wanted(damping, columns), self.match.parts)
         phi = self._phi
         least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
         own[: len(phi)] = np.clip(own[: len(phi)], least * np.abs(phi), most * np.abs(phi))
@@ -70,9 +70,14 @@ class Search:
 
     @property
     def settled(self) -> bool:
-        """Whether a step would change no unknown, or gain nothing."""
-        gain = np.sum((self._columns @ self._wanted(0.0)) ** 2)
-        small = np.abs(self._change(0.0)) < SETTLED * self.match.std
+        """Whether a step would change no unknown, or gain nothing.
+
+        By the twin's own columns: what steps teach has the noise of the data in it, whose product
+        with itself does not vanish on average.
+        """
+        columns = self.match.explained
+        gain = np.sum((columns @ self._wanted(0.0, columns)) ** 2)
+        small = np.abs(self._change(0.0, columns)) < SETTLED * self.match.std
         return bool(gain < SAME or small.all())
 
     def model(self, change: np.ndarray) -> Model:
@@ -90,10 +95,10 @@ class Search:
 
     def stepped(self) -> "Search":
         """After one more simulation."""
-        match, change = self.match, self._change(self.damping)
+        match, change = self.match, self._change(self.damping, self._columns)
         damped = max(LARGER * self.damping, FIRST)
         try:
-            after = Match.of(match.problem, match.scenes, self.model(change))
+            after = Match.of(match.problem, match.scenes, self.model(change), match)
         except ValueError:  # the simulation does not stand the step
             if damped > LARGER**3:
                 raise
@@ -101,7 +106,7 @@ class Search:
         weight = change / match.std**2
         missed = match.apart - after.apart - (match.slopes + self.mended) @ change
         taught = self.mended + np.outer(missed, weight) / (weight @ change)
-        if np.sum(after.gap**2) > np.sum(match.gap**2):
+        if np.sum(after.gap**2) > np.sum(match.gap**2) + NOISE:
             return replace(self, mended=taught, damping=damped)
         less = self.damping / LARGER
         return Search(after, taught, less if less > FIRST / LARGER else 0.0)

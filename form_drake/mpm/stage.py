@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -171,12 +171,31 @@ class _Play:
     @cached_property
     def _run(self) -> tuple[list[Snapshot], np.ndarray, np.ndarray]:
         """Snapshots at the frames; stamps [s] of mean forces on the faces [N]."""
+        counts = np.ceil(np.diff(self._time) / PERIOD - 1e-9).astype(int)
+        parts = [
+            np.linspace(a, z, n + 1)[1:]
+            for (a, z), n in zip(pairwise(self._time), counts, strict=True)
+        ]
+        ends = np.concatenate([[0.0], *parts])
+        snapshot = self._settled()
+        frames, forces = [snapshot], [snapshot.force]
+        moving = zip(_motions(self.paths, ends), np.diff(ends), strict=True)
+        for count in counts:
+            for motions, step in islice(moving, int(count)):
+                snapshot = self.scene.advance(snapshot, motions, float(step), self.world.drag)
+                forces.append(snapshot.force)
+            frames.append(snapshot)
+        if not all(np.isfinite(f.p_WQ).all() for f in frames):
+            raise ValueError("the simulation of the recorded scene does not stay finite")
+        stamps = np.concatenate([[0.0], 0.5 * (ends[1:] + ends[:-1]), ends[-1:]])
+        return frames, stamps, np.array([*forces, snapshot.force])
+
+    def _settled(self) -> Snapshot:
+        """At rest among the tools, whatever relaxes having relaxed; none of them slips or sticks."""
         scene, world = self.scene, self.world
-        still = _motions(self.paths, 0.0, 0.0)
+        (still,) = _motions(self.paths, np.zeros(2))
         scene.tie(still)
-        for n, tool in enumerate(scene.tools):
-            if tool.contact == "tied":
-                scene.simulation.tools.grip(n, Grip(compliance=self._layer))
+        self._grip(0.0, 0.0, 0.0)
         snapshot = scene.start()
         if world.swelling:
             F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
@@ -187,24 +206,19 @@ class _Play:
         for _ in range(int(np.ceil(SETTLING / PERIOD))):
             snapshot = scene.advance(snapshot, still, PERIOD, CALM)
         scene.simulation.set_memories(world.memories)
-        for n, (tool, path) in enumerate(zip(scene.tools, self.paths, strict=True)):
-            if tool.contact == 0.0:
-                scene.simulation.tools.grip(n, Grip(world.friction, world.adhesion))
-            elif path.tool not in self.recording.forces:
-                scene.simulation.tools.grip(n, Grip(compliance=self._layer + world.slipping))
-        frames, stamps, forces = [snapshot], [0.0], [snapshot.force]
-        for start, end in pairwise(self._time):
-            parts = int(np.ceil((end - start) / PERIOD - 1e-9))
-            step = (end - start) / parts
-            for n in range(parts):
-                at = start + n * step
-                snapshot = scene.advance(snapshot, _motions(self.paths, at, step), step, world.drag)
-                stamps.append(at + 0.5 * step)
-                forces.append(snapshot.force)
-            frames.append(snapshot)
-        if not all(np.isfinite(f.p_WQ).all() for f in frames):
-            raise ValueError("the simulation of the recorded scene does not stay finite")
-        return frames, np.array([*stamps, end]), np.array([*forces, snapshot.force])
+        self._grip(world.friction, world.adhesion, world.slipping)
+        return snapshot
+
+    def _grip(self, friction: float, adhesion: float, slipping: float) -> None:
+        """Say how tools hold: those that touch, those that bond, and supports among these."""
+        tools = self.scene.simulation.tools
+        for n, (tool, path) in enumerate(zip(self.scene.tools, self.paths, strict=True)):
+            if tool.contact != "tied":
+                tools.grip(n, Grip(friction, adhesion))
+            elif path.tool in self.recording.forces:
+                tools.grip(n, Grip(compliance=self._layer))
+            else:
+                tools.grip(n, Grip(compliance=self._layer + slipping))
 
     @cached_property
     def _layer(self) -> float:
@@ -289,28 +303,26 @@ class _Path:
     def middle(self, face: Face) -> float:
         """Coordinate along the face's axis at the middle of its way [m]."""
         way = self.travel[:, face.axis]
-        place, _ = self.at(0.0)
-        return float(place[face.axis] + 0.5 * (way.min() + way.max()))
+        place, _ = self.at(np.zeros(1))
+        return float(place[0, face.axis] + 0.5 * (way.min() + way.max()))
 
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Place [m] and orientation of the plane."""
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""
         if self.place is None:
-            return self.p, self.R
+            shape = (len(time), 1)
+            return np.tile(self.p, shape), np.tile(self.R, (*shape, 1))
         R = self.turn(time).as_matrix()  # type: ignore[operator]
         return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
 
 
-def _motions(paths: list[_Path], time: float, step: float) -> Motions:
-    """Places at a time [s], and velocities that lead to where the planes are a step [s] later."""
-    now = [p.at(time) for p in paths]
-    later = [p.at(time + step) for p in paths]
-    over = step or 1.0
-    v = np.array([(b[0] - a[0]) / over for a, b in zip(now, later, strict=True)])
-    w = [
-        Rotation.from_matrix(b[1] @ a[1].T).as_rotvec() / over
-        for a, b in zip(now, later, strict=True)
-    ]
-    return Motions(np.array([a[0] for a in now]), np.array([a[1] for a in now]), v, np.array(w))
+def _motions(paths: list[_Path], time: np.ndarray) -> list[Motions]:
+    """Places at all times [s] but the last, and velocities that lead to where the planes are next."""
+    ways = [p.at(time) for p in paths]
+    p, R = (np.stack(a, axis=1) for a in zip(*ways, strict=True))
+    over = np.maximum(np.diff(time), 1e-300)[:, None, None]
+    turns = (R[1:] @ R[:-1].swapaxes(-1, -2)).reshape(-1, 3, 3)
+    w = Rotation.from_matrix(turns).as_rotvec().reshape(p[1:].shape) / over
+    return [Motions(*a) for a in zip(p[:-1], R[:-1], np.diff(p, axis=0) / over, w, strict=True)]
 
 
 def _within(ends: np.ndarray, stamps: np.ndarray) -> bool:
