@@ -59,7 +59,7 @@ class Factors:
         """Follow walls whose stiffness is now ``blocks``; True where that changes the inverse."""
         change = blocks - self.blocks
         most = np.abs(change).max(1).T.ravel()  # by node and axis
-        moved = most > 0.3 * self.firm
+        moved = most > 0.1 * self.firm
         change = change * (moved & (self.rank >= 0)).reshape(-1, 3).T[:, None]
         if not (np.abs(change - self.change) > 0.1 * np.abs(self.change)).any():
             return False

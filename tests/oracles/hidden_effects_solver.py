@@ -20,7 +20,9 @@ from numpy.linalg import norm
 RHO = 0.8
 BOSSAK = (RHO - 1) / (RHO + 1)
 NEWMARK_C, NEWMARK_B = 0.5 - BOSSAK, (1 - BOSSAK) ** 2 / 4
-FACTORS, DEPTH, HOLD, PATIENCE, MOST, WARY = 30, 12, 6, 6, 60, 5
+FACTORS = 30  # cost of a factorisation, in iterations
+DEPTH, PATIENCE, MOST = 12, 6, 60  # secants kept, iterations before new factors, and at most
+HOLD, WARY = 6, 5  # changes of contact before a search along steps, steps that then begin with it
 TOLERANCE = 1e-9, 2e-6  # largest Newton correction [m] and force [N] on a free node left
 
 
@@ -230,6 +232,7 @@ class Solver:
         """
         base, move, last, scale, gain = u, np.zeros_like(u), np.inf, 1.0, np.inf
         self.secants.clear()
+        slow = 0
         for _ in range(80):
             self.iterations += 1
             new = base + scale * move
@@ -252,7 +255,9 @@ class Solver:
             size = np.abs(change).max()
             if size < TOLERANCE[0] and np.abs(force[~self.fixed]).max() < TOLERANCE[1]:
                 return new, found
-            if size > 0.3 * last and not moved:
+            slow += not moved and size > 0.3 * last
+            if slow > 2:
+                slow = 0
                 factorise(new)
                 change = self.factors.solve(-force)
                 size = np.abs(change).max()
