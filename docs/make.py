@@ -99,7 +99,7 @@ API = {
         "form_drake.diagnose.Cause",
         "form_drake.diagnose.Scenes",
         "form_drake.diagnose.prepare.read",
-        "form_drake.diagnose.match.matched",
+        "form_drake.diagnose.search.matched",
         "form_drake.diagnose.match.Match",
         "form_drake.diagnose.verdict.named",
         "form_drake.diagnose.verify.Check",
