@@ -17,7 +17,7 @@ from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
-from form_drake.weak.solve import Weights, weights
+from form_drake.weak.solve import TINY, Weights, weights
 
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
@@ -119,10 +119,10 @@ class Match:
         return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
 
     def _slopes(self, cause: Cause) -> np.ndarray:
-        """Columns of a cause's coefficient and free shape parameters, shape [rows, unknowns]."""
+        """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
         effect, steps = cause.effect, STEP * cause.widths
         shapes = [cause.shape]
-        for key, step in zip(effect.free, steps, strict=True):
+        for key, step in zip(effect.shapes, steps, strict=True):
             shapes += [{**cause.shape, key: cause.shape[key] + s * step} for s in (-1.0, 1.0)]
         columns = self._every(effect, shapes)
         turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * steps)
@@ -176,7 +176,7 @@ class Match:
     @cached_property
     def std(self) -> np.ndarray:
         """Of the unknowns."""
-        length = np.linalg.norm(self.explained, axis=0)
+        length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
         inverse = np.linalg.pinv(self.explained / length)
         return np.asarray(np.linalg.norm(inverse, axis=1) / length)
 
@@ -186,7 +186,7 @@ class Match:
         _, *parts = np.split(self.std, self.parts)
         causes = [
             replace(
-                c, std=float(s[0]), spread=dict(zip(c.effect.free, s[1:].tolist(), strict=True))
+                c, std=float(s[0]), spread=dict(zip(c.effect.shapes, s[1:].tolist(), strict=True))
             )
             for c, s in zip(self.model.causes, parts, strict=True)
         ]

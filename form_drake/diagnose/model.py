@@ -24,7 +24,7 @@ class Cause:
         coefficient: in its unit.
         shape: values of its shape parameters.
         std: of the coefficient.
-        spread: standard deviations of the free shape parameters, where they were refined.
+        spread: standard deviations of the shape parameters, where they were refined.
     """
 
     effect: Effect
@@ -35,26 +35,26 @@ class Cause:
 
     @property
     def unknowns(self) -> int:
-        """Coefficient and free shape parameters."""
-        return 1 + len(self.effect.free)
+        """Coefficient and shape parameters."""
+        return 1 + len(self.effect.shapes)
 
     @property
     def widths(self) -> np.ndarray:
-        """How far the free shape parameters are known, shape [free]."""
-        return np.array([self.effect.width(self.shape, k) for k in self.effect.free])
+        """How far the shape parameters are known, shape [parameters]."""
+        return np.array([self.effect.width(self.shape, k) for k in self.effect.shapes])
 
     def within(self, change: np.ndarray) -> np.ndarray:
         """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
-        effect, now = self.effect, np.array([self.shape[k] for k in self.effect.free])
+        effect, now = self.effect, np.array([self.shape[k] for k in self.effect.shapes])
         size = effect.bounded(self.coefficient + float(change[0]), self.coefficient)
-        least = np.where([effect.positive(k) for k in effect.free], -0.5 * np.abs(now), -np.inf)
+        least = np.where([effect.positive(k) for k in effect.shapes], -0.5 * np.abs(now), -np.inf)
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
         return np.append(size - self.coefficient, turn)
 
     def moved(self, change: np.ndarray) -> "Cause":
         """With other unknowns."""
         shape = {
-            k: self.shape[k] + float(d) for k, d in zip(self.effect.free, change[1:], strict=True)
+            k: self.shape[k] + float(d) for k, d in zip(self.effect.shapes, change[1:], strict=True)
         }
         size = self.coefficient + float(change[0])
         return replace(self, coefficient=size, shape={**self.shape, **shape})

@@ -130,6 +130,15 @@ class ProbeReading:
         """By how much a quasi-static scene has more mass."""
         return float(self.motion.mass.sum() / self.m.sum())
 
+    def once(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]
+
+    @cached_property
+    def _made(self) -> dict[str, np.ndarray]:
+        return {}
+
     def force(self, change: Change) -> np.ndarray:
         probe = self.probe
         other = {k: replace(f, value=change(f.time, f.value)) for k, f in probe.forces.items()}

@@ -13,6 +13,7 @@ import numpy as np
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.identify.problem import Problem
+from form_drake.weak.solve import TINY
 
 PASSES = 10  # simulations, at most
 SETTLED = 0.5  # standard deviations that are no change
@@ -47,7 +48,7 @@ class Search:
 
     def _wanted(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """Change of the unknowns: the law's, nonlinear ones last, then the causes'."""
-        length = np.linalg.norm(columns, axis=0)
+        length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
         ridge = np.sqrt(damping) * np.eye(len(length))
         rest = np.concatenate([self.match.gap, np.zeros(len(length))])
         found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]

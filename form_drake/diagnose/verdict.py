@@ -122,7 +122,7 @@ def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, flo
 
 def refined(match: Match, score: Score) -> Score:
     """The score at the best shape near the best of a grid."""
-    free = score.effect.free
+    free = list(score.effect.shapes)
     if not free:
         return score
     start = np.array([score.shape[k] for k in free])

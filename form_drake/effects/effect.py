@@ -93,6 +93,10 @@ class Reading(Protocol):
         """Masses that move with the quadrature points [kg], shape [points]."""
         ...
 
+    def once(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What ``make`` gives, which is made at its first call and remembered by name."""
+        ...
+
     def force(self, change: Change) -> np.ndarray:
         """What ``change`` (time [s], force [N, samples x 3]) gives in place of every measured force."""
         ...
@@ -166,13 +170,8 @@ class Effect:
         """Whether a body has a face that it needs."""
         return not self.faces or any(f.condition in self.faces for f in body.faces)
 
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Shape parameters that are no choice among a few, so that they can be refined."""
-        return tuple(k for k in self.shapes if k != "axis")
-
     def width(self, shape: Shape, key: str) -> float:
-        """How far a free shape parameter is known: spacing of its grid, or half the radius of a place."""
+        """How far a shape parameter is known: spacing of its grid, or half the radius of a place."""
         values = np.unique(self.shapes[key])
         if len(values) < 2:
             return 0.5 * shape["radius"]

@@ -8,42 +8,71 @@ import numpy as np
 
 from form_drake.effects.effect import Effect, Reading, Shape
 
-AXES = {"axis": (0.0, 1.0, 2.0)}
-Signal = Callable[[np.ndarray, np.ndarray, Shape], np.ndarray]  # time [s], force [N] -> change [N]
+DIRECTIONS = {
+    "azimuth": tuple(np.radians(np.arange(0.0, 180.0, 45.0)).tolist()),
+    "elevation": tuple(np.radians((-60.0, -30.0, 0.0, 30.0, 60.0, 90.0)).tolist()),
+}
+# time [s], force [N], direction -> change [N]
+Signal = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def direction(shape: Shape) -> np.ndarray:
+    """The unit vector of an azimuth and an elevation [rad], shape [3]; zero where there are none."""
+    if not shape:
+        return np.zeros(3)
+    a, e = shape["azimuth"], shape["elevation"]
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def _directed(
+    name: str, of: Callable[[Reading, np.ndarray], np.ndarray]
+) -> Callable[[Reading, Shape], np.ndarray]:
+    """A column that is linear in a direction, by those of the three axes."""
+
+    def along(reading: Reading, axis: np.ndarray) -> np.ndarray:
+        return reading.once(f"{name} {axis}", lambda: of(reading, axis))
+
+    def column(reading: Reading, shape: Shape) -> np.ndarray:
+        if not shape:
+            return along(reading, np.zeros(3))
+        parts = [d * along(reading, e) for d, e in zip(direction(shape), np.eye(3), strict=True)]
+        return np.sum(parts, axis=0)
+
+    return column
 
 
 def _force(id: str, wrong: Signal, **more: Any) -> Effect:
     """What is recorded is the force and a coefficient times ``wrong``."""
 
-    def column(reading: Reading, shape: Shape) -> np.ndarray:
-        return -reading.force(lambda time, value: wrong(time, value, shape))
+    def column(reading: Reading, along: np.ndarray) -> np.ndarray:
+        return -reading.force(lambda time, value: wrong(time, value, along))
 
     def sensor(recording: Any, size: float, shape: Shape) -> Any:
-        start = recording.time[0]
+        start, along = recording.time[0], direction(shape)
         streams = {
-            k: replace(s, value=s.value + size * wrong(s.time - start, s.value, shape))
+            k: replace(s, value=s.value + size * wrong(s.time - start, s.value, along))
             for k, s in recording.forces.items()
         }
         return replace(recording, forces=streams)
 
-    return Effect(id=id, column=column, sensor=sensor, **more)
+    return Effect(id=id, column=_directed(id, column), sensor=sensor, **more)
 
 
-def _constant(time: np.ndarray, value: np.ndarray, shape: Shape) -> np.ndarray:
-    return np.broadcast_to(np.eye(3)[int(shape["axis"])], value.shape)
+def _constant(time: np.ndarray, value: np.ndarray, along: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(along, value.shape)
 
 
-def _growing(time: np.ndarray, value: np.ndarray, shape: Shape) -> np.ndarray:
-    return time[:, None] * np.eye(3)[int(shape["axis"])]
+def _growing(time: np.ndarray, value: np.ndarray, along: np.ndarray) -> np.ndarray:
+    return time[:, None] * along
 
 
-def _late(time: np.ndarray, value: np.ndarray, shape: Shape) -> np.ndarray:
+def _late(time: np.ndarray, value: np.ndarray, along: np.ndarray) -> np.ndarray:
     return -np.gradient(value, time, axis=0)
 
 
 FORCE_GAIN = _force(
     "force-gain",
-    lambda time, value, shape: value,
+    lambda time, value, along: value,
     sentence="the force sensor shows a share too much or too little",
     unit="-",
     prior=(0.005, 1.0),
@@ -56,7 +85,7 @@ FORCE_BIAS = _force(
     unit="N",
     prior=(1e-4, 10.0),
     shown=("a moment without contact",),
-    shapes=AXES,
+    shapes=DIRECTIONS,
 )
 FORCE_DRIFT = _force(
     "force-drift",
@@ -65,7 +94,7 @@ FORCE_DRIFT = _force(
     unit="N/s",
     prior=(1e-4, 10.0),
     shown=("moments without contact before and after",),
-    shapes=AXES,
+    shapes=DIRECTIONS,
 )
 FORCE_DELAY = _force(
     "force-delay",
@@ -77,26 +106,26 @@ FORCE_DELAY = _force(
 )
 
 
-def _camera(id: str, wrong: Callable[[np.ndarray, Shape], np.ndarray], **more: Any) -> Effect:
+def _camera(id: str, wrong: Callable[[np.ndarray, np.ndarray], np.ndarray], **more: Any) -> Effect:
     """Where a point is seen is where it is and a coefficient times ``wrong`` of that place."""
 
-    def column(reading: Reading, shape: Shape) -> np.ndarray:
-        return reading.moved(lambda X, x: -wrong(x, shape))
+    def column(reading: Reading, along: np.ndarray) -> np.ndarray:
+        return reading.moved(lambda X, x: -wrong(x, along))
 
     def sensor(recording: Any, size: float, shape: Shape) -> Any:
-        seen = recording.p_WQ + size * wrong(recording.p_WQ, shape)
+        seen = recording.p_WQ + size * wrong(recording.p_WQ, direction(shape))
         return replace(recording, p_WQ=seen, p_reference=recording.reference)
 
-    return Effect(id=id, column=column, sensor=sensor, **more)
+    return Effect(id=id, column=_directed(id, column), sensor=sensor, **more)
 
 
-def _turned(x: np.ndarray, shape: Shape) -> np.ndarray:
-    return np.cross(np.eye(3)[int(shape["axis"])], x)
+def _turned(x: np.ndarray, along: np.ndarray) -> np.ndarray:
+    return np.cross(along, x)
 
 
 CAMERA_SCALE = _camera(
     "camera-scale",
-    lambda x, shape: x,
+    lambda x, along: x,
     sentence="the cameras see everything larger or smaller than it is",
     unit="-",
     prior=(1e-5, 0.1),
@@ -109,5 +138,5 @@ CAMERA_POSE = _camera(
     unit="rad",
     prior=(1e-4, 0.2),
     shown=("a target that the robot carries",),
-    shapes=AXES,
+    shapes=DIRECTIONS,
 )
