@@ -85,7 +85,13 @@ def recorded(path: Path) -> Recording:
         tools = [
             k[len(kind) + 1 : -5] for k in a if k.startswith(f"{kind}_") and k.endswith("_time")
         ]
-        return {t: Stream(a[f"{kind}_{t}_time"], a[f"{kind}_{t}_value"]) for t in tools}
+        return {
+            t: Stream(a[f"{kind}_{t}_time"], a[f"{kind}_{t}_value"], noise=_noise(f"{kind}_{t}"))
+            for t in tools
+        }
+
+    def _noise(name: str) -> float | None:
+        return float(a[f"{name}_noise"]) if f"{name}_noise" in a else None
 
     stated = ("p_reference", "gravity", "body_force", "pressure")
     return Recording.from_arrays(

@@ -11,6 +11,8 @@ import tyro
 from tqdm import tqdm
 
 from form_drake.bench import (
+    blind,
+    blind_score,
     deformable,
     nulls,
     positions,
@@ -115,6 +117,42 @@ class Nulls:
 
         whole = not self.only
         _finish("nulls", self.out, run, nulls.table, whole=whole, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class Blind:
+    """Diagnose cases whose truth is sealed; with --score and --key, say what the verdicts are worth."""
+
+    seal: Path
+    """File with the SHA-256 of the key."""
+    cases: Path | None = None
+    """Folder of cases (ID/press.h5, shake.h5 and heldout.h5), or a list of seeds of this project's
+    own generator (tests/oracles/hidden_effects_set.py)."""
+    out: Path | None = None
+    """File of verdicts, which grows by a line for each case; default: runs/bench-blind/blind.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose ids contain one of these."""
+    score: Path | None = None
+    """File of verdicts to score; no case is run."""
+    key: Path | None = None
+    """The key, to score with."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench, or score what it found."""
+        if (self.score is None) != (self.key is None):
+            raise ValueError("--score and --key are wanted together: the verdicts, and the truth")
+        if self.score is not None and self.key is not None:
+            told = blind_score.score(self.score, self.key, self.seal)
+            emit(blind_score.table(told), told, as_json=self.json)
+            return
+        if self.cases is None:
+            raise ValueError("no --cases: a folder of cases, or a list of seeds")
+        out = self.out or Path("runs/bench-blind/blind.json")
+        result = blind.run_blind(self.cases, self.seal, out, only=self.only)
+        emit(blind.table(result), result, as_json=self.json)
+        say(f"written: {out}")
 
 
 @dataclass(frozen=True)
@@ -295,6 +333,7 @@ class Bench:
     case: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Table2, tyro.conf.subcommand("table2")]
         | Annotated[Nulls, tyro.conf.subcommand("nulls")]
+        | Annotated[Blind, tyro.conf.subcommand("blind")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]

@@ -22,8 +22,9 @@ sensors,
 Files: NAME.npz as by ``finite_elements.py``: time (T), p_WQ (T, P, 3) in float32, p_reference
 (P, 3), gravity and density as stated, pose_<tool>_value (S, 4, 4) and force_<tool>_value (S, 3),
 the force of the material on the tool, each beside its _time (S). NAME.json: geometry, contact,
-law. noise.json: seed and standard deviations of the noise that ``noisy`` adds. The truth goes to
-the key file alone, with ``noise`` where the noise is another one than stated.
+law. noise.json: seed and standard deviations of the noise that ``noisy`` adds; with --noisy it is
+in the files, which then state it (noise, force_plate_noise). The truth goes to the key file alone,
+with ``noise`` where the noise is another one than stated.
 
 Where a specimen has no balance (it collapses under what was drawn, say), the coefficients of the
 same effects are drawn anew from seed and count, at most four times; the key holds the ``draw``.
@@ -138,6 +139,19 @@ def made(truth, folder, level, count):
     (folder / "noise.json").write_text(json.dumps(noise, indent=1) + "\n")
 
 
+def spoilt(folder, true):
+    """Put the noise of a case into its files, and what is stated of it; ``true`` as of ``noisy``."""
+    stated = json.loads((folder / "noise.json").read_text())
+    for path in folder.glob("*.npz"):
+        with np.load(path) as file:
+            arrays = noisy(dict(file), stated, path.stem, true)
+        if path.stem in stated["sigma_F"]:
+            arrays["force_plate_noise"] = stated["sigma_F"][path.stem]
+        np.savez_compressed(path, **arrays)
+        told = json.loads(path.with_suffix(".json").read_text()) | {"noise": stated["sigma_x"]}
+        path.with_suffix(".json").write_text(json.dumps(told, indent=1) + "\n")
+
+
 def main():
     """Make a case, or check the solver."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -149,6 +163,7 @@ def main():
     parser.add_argument("--level", choices=LAYERS, default="medium")
     parser.add_argument("--points", type=int, help="by default 330, with --small 150")
     parser.add_argument("--small", action="store_true", help="shorter motions, no heldout")
+    parser.add_argument("--noisy", action="store_true", help="noise in the files, and stated")
     parser.add_argument("--check", action="store_true", help="verify and compare levels; no files")
     args = parser.parse_args()
     if args.check:
@@ -160,6 +175,8 @@ def main():
         truth = case_of(args.seed, args.kind, args.effect, args.small, draw)
         try:
             made(truth, args.out / truth["id"], args.level, points)
+            if args.noisy:
+                spoilt(args.out / truth["id"], truth["noise"])
             break
         except FloatingPointError as error:
             print(f"{truth['id']}, draw {draw}: {error}")

@@ -1,0 +1,157 @@
+"""Diagnoses of cases whose truth is sealed: verdicts are written as they come, and once.
+
+The file of verdicts is a line of JSON for each case after one that names the code and the seal. A run
+that was interrupted goes on where it stopped; other code does not go on in the same file.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from tqdm import tqdm
+
+from form_drake.bench.cases import fingerprint
+from form_drake.bench.oracles import recorded, run
+from form_drake.diagnose import diagnosed, thresholds
+from form_drake.effects import CATALOGUE
+from form_drake.files import plain, read_text, target
+from form_drake.laws import law_named
+from form_drake.records import Recording, read
+
+PROBES = ("press", "shake", "heldout")
+SECONDS = 420.0  # a case takes about
+
+Case = Callable[[], list[Recording]]
+
+
+def cases_of(path: Path) -> dict[str, Case]:
+    """Cases by id: of a folder of folders, or of a list of seeds from which they are made again.
+
+    Raises:
+        ValueError: there are none, or the folder holds a key.
+    """
+    if path.is_file():
+        listed = json.loads(read_text(path))
+        return {one["id"]: lambda one=one: _made(one) for one in listed}
+    if not path.is_dir():
+        raise ValueError(f"{path}: no such folder, nor a list of cases")
+    keys = [p.name for p in path.rglob("*") if "key" in p.stem and p.suffix == ".json"]
+    if keys:
+        raise ValueError(f"{path}: holds {keys[0]}; the truth must lie elsewhere")
+    found = sorted(p.parent for p in path.glob("*/press.h5"))
+    if not found:
+        raise ValueError(f"{path}: no case there; a case is a folder with press.h5")
+    return {folder.name: lambda folder=folder: _kept(folder) for folder in found}
+
+
+def _kept(folder: Path) -> list[Recording]:
+    return [read(p) for p in (folder / f"{name}.h5" for name in PROBES) if p.is_file()]
+
+
+def _made(one: Mapping[str, Any]) -> list[Recording]:
+    with TemporaryDirectory() as name:
+        key, out = Path(name) / "key.json", Path(name) / "cases"
+        words = ["--seed", str(one["seed"]), "--kind", one["kind"], "--noisy"]
+        run("hidden_effects.py", *words, "--out", out, "--key", key)
+        return [recorded(out / one["id"] / probe) for probe in PROBES]
+
+
+def sealed(path: Path) -> str:
+    """The hash that a seal's file holds.
+
+    Raises:
+        ValueError: it holds none.
+    """
+    words = read_text(path).split()
+    if not words or len(words[0]) != 64:
+        raise ValueError(f"{path}: a SHA-256 hash of 64 digits is wanted")
+    return words[0]
+
+
+def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """First line and results of a file of verdicts.
+
+    Raises:
+        ValueError: it is not such a file.
+    """
+    try:
+        head, *rest = [json.loads(line) for line in read_text(path).splitlines()]
+    except ValueError as error:
+        raise ValueError(f"{path}: no verdicts of a blind bench: {error}") from None
+    if not {"code", "seal"} <= set(head) or not all("id" in one for one in rest):
+        raise ValueError(f"{path}: no verdicts of a blind bench")
+    return head, rest
+
+
+def run_blind(cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Diagnose every case that has no verdict yet.
+
+    Raises:
+        ValueError: the file of verdicts is of other code or another seal.
+    """
+    every, head = cases_of(cases), {"code": fingerprint(), "seal": sealed(seal)}
+    out = target(out)
+    if out.is_file():
+        begun, results = verdicts(out)
+        if begun != head:
+            raise ValueError(
+                f"{out}: verdicts of code {begun['code']} and seal {begun['seal'][:12]}; this is"
+                f" {head['code']} and {head['seal'][:12]}: one run counts, begin another file"
+            )
+    else:
+        results = []
+        out.write_text(json.dumps(head) + "\n", encoding="utf-8")
+    done = {one["id"] for one in results}
+    left = [n for n in every if n not in done and (not only or any(o in n for o in only))]
+    hours = len(left) * SECONDS / 3600.0
+    tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
+    for name in tqdm(left, unit="case", disable=None, leave=False):
+        results.append(plain({"id": name, **_verdict(every[name])}))
+        with out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(results[-1]) + "\n")
+    return {**head, "results": results}
+
+
+def _verdict(case: Case) -> dict[str, Any]:
+    begun = time.perf_counter()
+    try:
+        press, *more = case()
+        law = law_named(press.law or "neo-hookean")
+        found = diagnosed(
+            [press, *more[:1]],
+            law,
+            effects=list(CATALOGUE.values()),
+            thresholds=thresholds(),
+            holdout=more[1:],
+        )
+    except ValueError as error:
+        return {"verdict": "error", "why": str(error), "seconds": time.perf_counter() - begun}
+    told = found.to_json()
+    kept = {k: told[k] for k in ("verdict", "effects", "values", "gap")}
+    passes = [
+        {
+            "residual": p["residual"],
+            "scores": {k: float(f"{v:.4g}") for k, v in p["scores"].items()},
+        }
+        for p in told["passes"]
+    ]
+    return {
+        **kept,
+        "named": found.naming.verdict,
+        "passes": passes,
+        "limits": told["passes"][0]["limits"],
+        "seconds": time.perf_counter() - begun,
+    }
+
+
+def table(result: Mapping[str, Any]) -> str:
+    """As printed: how often each verdict was given."""
+    counts: dict[str, int] = {}
+    for one in result["results"]:
+        counts[one["verdict"]] = counts.get(one["verdict"], 0) + 1
+    lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
+    return "\n".join([*lines, *(f"{k:10} {n:4d}" for k, n in sorted(counts.items()))])

@@ -1,0 +1,154 @@
+"""What sealed verdicts are worth, once the key is open."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from form_drake.bench.blind import sealed, verdicts
+from form_drake.files import read_mapping
+
+SAME = ({"force-gain", "density"}, {"yield", "hardening"})  # one column, or one class by the issue
+Truth = Mapping[str, Any]
+Verdict = Mapping[str, Any]
+
+
+def digest(key: Mapping[str, Truth]) -> str:
+    """SHA-256 of seeds, kinds and effects of a key."""
+    told = [[n, t["seed"], t["kind"], sorted(t["effects"])] for n, t in sorted(key.items())]
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """The 95 % interval of a rate (Wilson 1927)."""
+    if not count:
+        return 0.0, 1.0
+    z, p = 1.96, hits / count
+    middle = p + z * z / (2.0 * count)
+    half = z * np.sqrt(p * (1.0 - p) / count + z * z / (4.0 * count**2))
+    return tuple(float((middle + s * half) / (1.0 + z * z / count)) for s in (-1.0, 1.0))  # type: ignore[return-value]
+
+
+def right(effect: str, named: Mapping[str, Any]) -> bool:
+    """Whether what was named is of one class with an effect."""
+    classes = {effect, *(n for same in SAME if effect in same for n in same)}
+    return bool(classes & {named["name"], *named["class"]})
+
+
+def _sure(one: Verdict) -> bool:
+    """Whether effects were named without reserve."""
+    return one["verdict"] == "named"
+
+
+def _wrong(one: Verdict, truth: Truth) -> bool:
+    return _sure(one) and not all(
+        any(right(t, e) for t in truth["effects"]) for e in one["effects"]
+    )
+
+
+def _both(one: Verdict, truth: Truth) -> bool:
+    return all(any(right(t, e) for e in one.get("effects", [])) for t in truth["effects"])
+
+
+def _first(one: Verdict, truth: Truth) -> bool:
+    (effect,) = truth["effects"]
+    return bool(one.get("effects")) and right(effect, one["effects"][0])
+
+
+RATES = {  # name -> kind, what counts
+    "right class, strong singles": ("single", _first),
+    "right class and named": ("single", lambda o, t: _sure(o) and _first(o, t)),
+    "false alarms on nulls": ("null", lambda o, t: bool(o.get("effects"))),
+    "out of catalogue, refused": ("outside", lambda o, t: o["verdict"] == "unnamed"),
+    "out of catalogue, refused without held-out": (
+        "outside",
+        lambda o, t: o.get("named") == "unnamed",
+    ),
+    "out of catalogue, confidently misnamed": ("outside", lambda o, t: _sure(o)),
+    "near threshold, confidently wrong": ("near", _wrong),
+    "near threshold, right class": ("near", _first),
+    "pairs, both named": ("pair", _both),
+    "wrong noise, confident names": ("noise", lambda o, t: _sure(o) and _wrong(o, t)),
+}
+
+
+def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
+    """Rates of a file of verdicts.
+
+    Raises:
+        ValueError: the key is not the one that was sealed, or cases are not in it.
+    """
+    truth, (head, results) = read_mapping(key), verdicts(out)
+    if not digest(truth) == sealed(seal) == head["seal"]:
+        raise ValueError(f"{key}: not the key that {seal} and {out} were sealed with")
+    lost = [one["id"] for one in results if one["id"] not in truth]
+    if lost:
+        raise ValueError(f"{out}: case {lost[0]} is not in {key}")
+    rates = {}
+    for name, (kind, counts) in RATES.items():
+        own = [(one, truth[one["id"]]) for one in results if truth[one["id"]]["kind"] == kind]
+        hits = sum(bool(counts(one, t)) for one, t in own)
+        rates[name] = {"hits": hits, "of": len(own), "interval": wilson(hits, len(own))}
+    return {
+        **head,
+        "rates": rates,
+        "confusions": _confusions(results, truth),
+        "gap": _gaps(results, truth),
+        "nulls": _nulls(results, truth),
+        "seconds": float(np.median([one["seconds"] for one in results])) if results else None,
+        "errors": [one["id"] for one in results if one["verdict"] == "error"],
+    }
+
+
+def _confusions(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> list[list[str]]:
+    """Strong singles that were named otherwise: truth, verdict, what was named."""
+    found = []
+    for one in results:
+        t = truth[one["id"]]
+        if t["kind"] == "single" and not (_sure(one) and _first(one, t)):
+            told = ", ".join(e["name"] for e in one.get("effects", [])) or "nothing"
+            found.append([*t["effects"], one["verdict"], told])
+    return sorted(found)
+
+
+def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """Held-out errors of rightly named singles, channels that are clear of floor and grid alone."""
+    rows = [
+        c
+        for one in results
+        if truth[one["id"]]["kind"] == "single" and _first(one, truth[one["id"]])
+        for c in one["gap"]
+    ]
+    clear = [c for c in rows if c["closure"] is not None]
+    if not clear:
+        return {"channels": 0, "excluded": len(rows)}
+    return {
+        "channels": len(clear),
+        "excluded": len(rows) - len(clear),
+        "after/before": float(np.median([c["after"] / c["before"] for c in clear])),
+        "closure": float(np.median([c["closure"] for c in clear])),
+    }
+
+
+def _nulls(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, float]:
+    """Largest score of every effect where nothing was hidden."""
+    found: dict[str, float] = {}
+    for one in results:
+        if truth[one["id"]]["kind"] == "null" and one.get("passes"):
+            for name, value in one["passes"][0]["scores"].items():
+                found[name] = max(found.get(name, 0.0), value)
+    return found
+
+
+def table(result: Mapping[str, Any]) -> str:
+    """As printed."""
+    lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
+    for name, rate in result["rates"].items():
+        low, high = (100.0 * x for x in rate["interval"])
+        lines.append(f"{name:44} {rate['hits']:3d} of {rate['of']:3d}   {low:3.0f}-{high:3.0f} %")
+    lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
+    lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
+    return "\n".join(lines)

@@ -1,0 +1,168 @@
+"""The blind bench: sealed sets, verdicts that are written once, and what they are worth."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from form_drake.__main__ import main
+from form_drake.bench import blind
+from form_drake.bench.blind_score import digest, score, wilson
+from form_drake.bench.oracles import recorded
+
+ORACLES = Path(__file__).parent / "oracles"
+
+
+def oracle(name, *words):
+    subprocess.run([sys.executable, ORACLES / name, *map(str, words)], check=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("set")
+    counts = ["--single", 3, "--near", 1, "--null", 2, "--pair", 1, "--outside", 2, "--noise", 1]
+    for name in ("a", "b"):
+        words = ["--set", folder / f"{name}.json", "--key", folder / f"key-{name}.json"]
+        oracle("hidden_effects_set.py", "--seed", 5, *words, *counts)
+    return folder
+
+
+def test_a_set_is_drawn_again_from_its_seed_and_tells_no_effect(drawn):
+    assert (drawn / "a.json").read_bytes() == (drawn / "b.json").read_bytes()
+    listed = json.loads((drawn / "a.json").read_text())
+    kinds = sorted(one["kind"] for one in listed)
+    assert kinds == sorted(
+        ["single"] * 3 + ["near", "null", "null", "pair", "noise"] + ["outside"] * 2
+    )
+    assert kinds != [one["kind"] for one in listed] and set(listed[0]) == {"id", "seed", "kind"}
+    key = json.loads((drawn / "key-a.json").read_text())
+    assert blind.sealed(drawn / "key-a.sha256") == digest(key)
+    first = next(iter(key.values()))
+    first["effects"]["drag"] = {"c": 1.0}
+    assert digest(key) != blind.sealed(drawn / "key-a.sha256")
+
+
+def test_noise_is_in_the_files_and_stated(tmp_path):
+    words = ["--seed", 3, "--kind", "null", "--small", "--level", "coarse", "--points", 40]
+    for name, more in (("plain", []), ("noisy", ["--noisy"])):
+        oracle("hidden_effects.py", *words, "--out", tmp_path / name / "c", *more)
+    (folder,) = (tmp_path / "noisy" / "c").iterdir()
+    made, still = (
+        recorded(folder / "press"),
+        recorded(tmp_path / "plain" / "c" / folder.name / "press"),
+    )
+    assert made.noise == 5e-5 and still.noise is None
+    assert (made.p_WQ - still.p_WQ).std() == pytest.approx(5e-5, rel=0.05)
+    forces = [r.forces["plate"] for r in (made, still)]
+    assert forces[0].noise == pytest.approx(0.01 * abs(forces[1].value).max(), rel=1e-6)
+    assert (forces[0].value - forces[1].value).std() == pytest.approx(forces[0].noise, rel=0.1)
+
+
+def effect(name, *alike):
+    return {"name": name, "class": [name, *alike]}
+
+
+GAP = {"before": 2.0, "after": 0.5, "closure": 0.9}
+
+
+def verdicts(key, seal, out):
+    """Verdicts by hand: of the singles one right, one by its class, one wrong."""
+    kinds = {}
+    for name, truth in key.items():
+        kinds.setdefault(truth["kind"], []).append((name, list(truth["effects"])))
+    lines = []
+
+    def told(name, verdict, *effects, gap=()):
+        passes = [{"scores": {"drag": 3.0 + len(lines)}}]
+        one = {"id": name, "verdict": verdict, "named": verdict, "effects": list(effects)}
+        lines.append({**one, "gap": list(gap), "passes": passes, "seconds": 100.0})
+
+    (a, (right,)), (b, (twin,)), (c, _) = kinds["single"]
+    told(a, "named", effect(right), gap=[GAP, {**GAP, "closure": None}])
+    told(b, "ambiguous", effect("other", twin))
+    told(c, "named", effect("nonsense"))
+    told(kinds["null"][0][0], "none")
+    told(kinds["null"][1][0], "unnamed", effect("inclusion"))
+    told(kinds["near"][0][0], "named", effect("nonsense"))
+    told(kinds["pair"][0][0], "named", *map(effect, kinds["pair"][0][1]))
+    told(kinds["outside"][0][0], "unnamed")
+    told(kinds["outside"][1][0], "named", effect("density"))
+    head = {"code": "c", "seal": seal}
+    out.write_text("".join(json.dumps(x) + "\n" for x in (head, *lines)))
+
+
+def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
+    key, seal = drawn / "key-a.json", drawn / "key-a.sha256"
+    out = tmp_path / "blind.json"
+    verdicts(json.loads(key.read_text()), blind.sealed(seal), out)
+    found = score(out, key, seal)
+    rates = {name: (r["hits"], r["of"]) for name, r in found["rates"].items()}
+    assert rates == {
+        "right class, strong singles": (2, 3),
+        "right class and named": (1, 3),
+        "false alarms on nulls": (1, 2),
+        "out of catalogue, refused": (1, 2),
+        "out of catalogue, refused without held-out": (1, 2),
+        "out of catalogue, confidently misnamed": (1, 2),
+        "near threshold, confidently wrong": (1, 1),
+        "near threshold, right class": (0, 1),
+        "pairs, both named": (1, 1),
+        "wrong noise, confident names": (0, 0),
+    }
+    assert found["gap"] == {"channels": 1, "excluded": 1, "after/before": 0.25, "closure": 0.9}
+    assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
+    words = ["bench", "blind", "--seal", str(seal), "--score", str(out), "--key", str(key)]
+    assert main(words) in (None, 0)
+    assert "right class, strong singles" in capsys.readouterr().out
+
+
+def test_intervals_of_rates():
+    assert wilson(0, 0) == (0.0, 1.0)
+    assert wilson(39, 40) == pytest.approx((0.871, 0.996), abs=2e-3)  # Wilson's, by hand
+    assert wilson(0, 40)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
+    seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
+
+    def verdict(case):
+        asked.append(case)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+        return {"verdict": "none", "seconds": 1.0}
+
+    monkeypatch.setattr(blind, "_verdict", verdict)
+    with pytest.raises(KeyboardInterrupt):
+        blind.run_blind(drawn / "a.json", seal, out)
+    assert len(out.read_text().splitlines()) == 3
+    result = blind.run_blind(drawn / "a.json", seal, out)
+    assert len(result["results"]) == 10 and len(asked) == 11
+    assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
+    monkeypatch.setattr(blind, "fingerprint", lambda: "another")
+    with pytest.raises(ValueError, match="one run counts, begin another file"):
+        blind.run_blind(drawn / "a.json", seal, out)
+
+
+def test_bad_input_is_one_line(drawn, tmp_path, capsys):
+    seal = str(drawn / "key-a.sha256")
+    (tmp_path / "cases" / "a").mkdir(parents=True)
+    (tmp_path / "cases" / "key.json").write_text("{}")
+    (tmp_path / "text").write_text("no hash")
+    (tmp_path / "verdicts").write_text("{}\n{}\n")
+    key = str(drawn / "key-a.json")
+    for words, message in (
+        (["--seal", seal], "no --cases"),
+        (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
+        (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
+        (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),
+        (["--seal", str(tmp_path / "text"), "--cases", str(drawn / "a.json")], "of 64 digits"),
+        (["--seal", seal, "--score", seal], "are wanted together"),
+        (["--seal", seal, "--score", str(tmp_path / "verdicts"), "--key", key], "no verdicts"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            sys.exit(main(["bench", "blind", *words]))
+        assert stop.value.code == 2
+        said = capsys.readouterr().err.strip()
+        assert message in said and len(said.splitlines()) == 1
