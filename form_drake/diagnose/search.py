@@ -18,7 +18,8 @@ from form_drake.weak.solve import TINY
 PASSES = 10  # simulations, at most
 SETTLED = 0.5  # standard deviations that are no change
 SAME = 0.5  # of a whitened gap's square that is left to gain, which is not worth a simulation
-NOISE = 10.0  # of a whitened gap's square, by which noise in the data may raise it near its least
+NOISE = 10.0  # of a whitened gap's square, by which a step may miss it through noise alone
+WORSE = 1.05  # times the gap's square before, from which a step is taken back
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
 FIRST, LARGER = 0.03, 10.0  # damping of a step that went too far, and by how much it grows
 
@@ -104,10 +105,14 @@ class Search:
             if damped > LARGER**3:
                 raise
             return replace(self, damping=damped)
-        weight = change / match.std**2
-        missed = match.apart - after.apart - (match.slopes + self.mended) @ change
-        taught = self.mended + np.outer(missed, weight) / (weight @ change)
-        if np.sum(after.gap**2) > np.sum(match.gap**2) + NOISE:
+        reached = float(np.sum(after.gap**2))
+        surprise = reached - float(np.sum((match.gap - self._columns @ change) ** 2))
+        taught = self.mended
+        if surprise > NOISE:  # else what was missed is what noise of the data does to its columns
+            weight = change / match.std**2
+            missed = match.apart - after.apart - (match.slopes + self.mended) @ change
+            taught = self.mended + np.outer(missed, weight) / (weight @ change)
+        if reached > WORSE * float(np.sum(match.gap**2)):
             return replace(self, mended=taught, damping=damped)
         less = self.damping / LARGER
         return Search(after, taught, less if less > FIRST / LARGER else 0.0)

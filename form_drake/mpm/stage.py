@@ -214,7 +214,7 @@ class _Play:
         tools = self.scene.simulation.tools
         for n, (tool, path) in enumerate(zip(self.scene.tools, self.paths, strict=True)):
             if tool.contact != "tied":
-                tools.grip(n, Grip(friction, adhesion))
+                tools.grip(n, Grip(friction, adhesion, lever=1.0))
             elif path.tool in self.recording.forces:
                 tools.grip(n, Grip(compliance=self._layer))
             else:

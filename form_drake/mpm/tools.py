@@ -57,15 +57,18 @@ class Grip:
         friction: Coulomb's coefficient; negative: it cannot slip.
         adhesion: tension that a touching tool bears [Pa]; it fades over ``REACH`` of distance.
         compliance: of a layer in shear between a tied tool and what it holds [m/Pa].
+        lever: share of a particle's radius off its middle at which a touching tool pushes it. With
+            one the layer that touches bears all of the pressure and widens as what is below does.
     """
 
     friction: float = -1.0
     adhesion: float = 0.0
     compliance: float = 0.0
+    lever: float = 0.0
 
     @property
-    def vector(self) -> tuple[float, float, float]:
-        return self.friction, self.adhesion, self.compliance
+    def vector(self) -> tuple[float, float, float, float]:
+        return self.friction, self.adhesion, self.compliance, self.lever
 
 
 def _grip(tool: Tool) -> Grip:
@@ -109,7 +112,7 @@ class Tools:
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
-        self._grip = wp.array([_grip(tool).vector for tool in tools], dtype=t.vec3, device=device)
+        self._grip = wp.array([_grip(tool).vector for tool in tools], dtype=t.vec4, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
@@ -150,7 +153,7 @@ class Tools:
     def slip(self, value: np.ndarray) -> None:
         self._slip.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
-    def push(self, clock, x, v, mass, radius) -> None:
+    def push(self, clock, dx, x, v, C, mass, radius) -> None:
         """Launch what the touching tools do to the particles before a step."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
             if tool.contact == "tied":
@@ -159,7 +162,7 @@ class Tools:
                 wp.launch(tie(self._precision), len(x), inputs, device=self.device)
             elif tool.contact != "bonded":
                 inputs = [n, solid, *self._where(), clock, self._grip]
-                inputs += [x, v, mass, radius, self._slip, self._taken]
+                inputs += [dx, x, v, C, mass, radius, self._slip, self._taken]
                 wp.launch(contact(self._precision), len(x), inputs, device=self.device)
 
     def hold(self, clock, dx, nodes, grid) -> None:
@@ -205,9 +208,11 @@ def contact(precision: str):
         speed: wp.array(dtype=vec3),
         spin: wp.array(dtype=vec3),
         clock: wp.array(dtype=t.vec4),
-        grips: wp.array(dtype=vec3),
+        grips: wp.array(dtype=t.vec4),
+        dx: real,
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         radius: wp.array(dtype=real),
         slip: wp.array2d(dtype=vec3),
@@ -252,6 +257,9 @@ def contact(precision: str):
         slip[n, p] = share * gone
         change = push * normal - share * wanted
         v[p] = v[p] + change
+        # the affine motion to which an impulse off the middle of a particle amounts
+        arm = -grip[3] * radius[p] * real(4.0) / (dx * dx)
+        C[p] = C[p] + wp.outer(change, arm * normal)
         give(taken, n, r, -mass[p] * change)
 
     return kernel
@@ -275,7 +283,7 @@ def tie(precision: str):
         speed: wp.array(dtype=vec3),
         spin: wp.array(dtype=vec3),
         clock: wp.array(dtype=t.vec4),
-        grips: wp.array(dtype=vec3),
+        grips: wp.array(dtype=t.vec4),
         tied: wp.array2d(dtype=wp.bool),
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
