@@ -69,6 +69,7 @@ API = {
         "form_drake.laws.Constant",
         "form_drake.laws.law_named",
         "form_drake.laws.values.lame",
+        "form_drake.laws.memory.Memory",
     ),
     "The solver": (
         "form_drake.mpm.simulation.Simulation",
@@ -80,6 +81,7 @@ API = {
         "form_drake.mpm.bodies.rigid_velocity",
         "form_drake.mpm.solids.Solid",
         "form_drake.mpm.tools.Tool",
+        "form_drake.mpm.tools.Grip",
         "form_drake.mpm.exchange.Scene",
         "form_drake.mpm.exchange.Snapshot",
     ),
