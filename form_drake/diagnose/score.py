@@ -17,6 +17,7 @@ from form_drake.weak.solve import TINY
 
 PLACES = 5  # along each axis of a body at which a place is tried
 RADIUS = 0.2  # of the least edge of a body, of what is sought at a place
+UNSEEN = 1e50  # least size, from which nothing would be seen
 DETECTED = 5.0  # standard deviations that count as seen
 
 
@@ -61,12 +62,13 @@ def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
 
     Args:
         match: of data and twin.
-        effects: a catalogue; those that do not fit the law are left out.
+        effects: a catalogue; those that do not fit the law, or that no row sees, are left out.
     """
     bodies = [p.body for p in match.problem.probes]
     body = bodies[0]
     fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
-    return sorted((scored(match, e, shapes(e, body)) for e in fitting), key=lambda s: -s.score)
+    found = (scored(match, e, shapes(e, body)) for e in fitting)
+    return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)
 
 
 def scored(match: Match, effect: Effect, tried: Sequence[Shape]) -> Score:
