@@ -14,9 +14,9 @@ from form_drake.diagnose.verdict import LEAST
 from form_drake.report import Report
 
 UNVERIFIED = (
-    "Thresholds come from neo-Hookean blocks that were pressed and shaken between bonded faces,"
-    " simulated with this solver and with finite elements, with noise of 50 um in tracks and of 1 % in"
-    " forces; other bodies, laws, motions and noises may need others. A stiff place was found with"
+    "Thresholds come from two neo-Hookean blocks of finite elements, pressed by a bonded and by a"
+    " frictionless plate, and shaken, with noise of 50 um in tracks and of 1 % in forces; other bodies,"
+    " laws, motions and noises may need others. A stiff place was found with"
     " two thirds of its factor times volume."
 )
 
