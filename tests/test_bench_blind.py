@@ -151,6 +151,10 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     (tmp_path / "cases" / "key.json").write_text("{}")
     (tmp_path / "text").write_text("no hash")
     (tmp_path / "verdicts").write_text("{}\n{}\n")
+    (tmp_path / "list").write_text('[{"id": "../a", "seed": 1, "kind": "null"}]')
+    (tmp_path / "good").write_text('{"code": "c", "seal": "s"}\n')
+    (tmp_path / "keys.json").write_text('{"a": 1}')
+    good = str(tmp_path / "good")
     key = str(drawn / "key-a.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
@@ -158,7 +162,12 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
         (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),
         (["--seal", str(tmp_path / "text"), "--cases", str(drawn / "a.json")], "of 64 digits"),
+        (["--seal", seal, "--cases", seal], "no list of cases"),
+        (["--seal", seal, "--cases", key], "no list of cases; each has id, seed and kind"),
+        (["--seal", seal, "--cases", str(tmp_path / "list")], "letters and digits are wanted"),
         (["--seal", seal, "--score", seal], "are wanted together"),
+        (["--seal", seal, "--score", good, "--key", str(tmp_path / "keys.json")], "no key; each"),
+        (["--seal", seal, "--score", good, "--key", key], "not the key"),
         (["--seal", seal, "--score", str(tmp_path / "verdicts"), "--key", key], "no verdicts"),
     ):
         with pytest.raises(SystemExit) as stop:

@@ -111,13 +111,10 @@ class SmoothFields:
         return Sampled(*(np.broadcast_to(a, (*shape, *a.shape)) for a in (value, gradient)))
 
 
-def recording():
-    """A block that a bonded plate presses twice and shakes a little."""
-    X = LOW + SIZE * np.random.default_rng(0).uniform(0.1, 0.9, (4, 3))
-    t = np.linspace(0.0, SECONDS, 151)
-    pose = np.tile(np.eye(4), (len(t), 1, 1))
-    stroke = 1.2e-3 * np.sin(1.5 * np.pi * t / SECONDS) ** 2 + 2e-4 * np.sin(40.0 * t)
-    pose[:, 2, 3] = SIZE[2] - stroke
+def standing(top, height, X, t, stamps):
+    """A block on a floor that holds it, and the way of the plate above it [m]."""
+    pose = np.tile(np.eye(4), (len(stamps), 1, 1))
+    pose[:, 2, 3] = height
     return Recording.from_arrays(
         t,
         np.tile(X, (len(t), 1, 1)),
@@ -125,10 +122,18 @@ def recording():
         density=1000.0,
         gravity=np.array([0.0, 0.0, -9.81]),
         geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.03"},
-        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
-        poses={"plate": Stream(t, pose)},
-        forces={"plate": Stream(t, np.zeros((len(t), 3)))},
+        contact={"z-": "bonded floor", "z+": f"{top} plate", "other": "free"},
+        poses={"plate": Stream(stamps, pose)},
+        forces={"plate": Stream(stamps, np.zeros((len(stamps), 3)), noise=1e-3)},
     )
+
+
+def recording():
+    """A bonded plate presses twice and shakes a little."""
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.1, 0.9, (4, 3))
+    t = np.linspace(0.0, SECONDS, 151)
+    stroke = 1.2e-3 * np.sin(1.5 * np.pi * t / SECONDS) ** 2 + 2e-4 * np.sin(40.0 * t)
+    return standing("bonded", SIZE[2] - stroke, X, t, t)
 
 
 STAGE = Stage(recording(), DX, apart=0.7, precision="float64")
@@ -220,22 +225,12 @@ def test_the_column_is_the_derivative_of_the_switch(effect, plain, stiffer):
     assert abs(found(effect, shape, *stiffer)) < 0.05 * size
 
 
-def loose() -> Recording:
+def loose():
+    """A frictionless plate presses and leaves."""
     X = LOW + SIZE * np.random.default_rng(0).uniform(0.04, 0.96, (200, 3))
     t, stamps = np.linspace(0.0, SECONDS, 46), np.linspace(0.0, SECONDS, 151)
-    pose = np.tile(np.eye(4), (len(stamps), 1, 1))
-    pose[:, 2, 3] = SIZE[2] + 4e-4 - 2.5e-3 * np.sin(np.pi * (0.1 + 0.9 * stamps / SECONDS)) ** 2
-    return Recording.from_arrays(
-        t,
-        np.tile(X, (len(t), 1, 1)),
-        p_reference=X,
-        density=1000.0,
-        gravity=np.array([0.0, 0.0, -9.81]),
-        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.03"},
-        contact={"z-": "bonded floor", "z+": "frictionless plate", "other": "free"},
-        poses={"plate": Stream(stamps, pose)},
-        forces={"plate": Stream(stamps, np.zeros((len(stamps), 3)), noise=1e-3)},
-    )
+    stroke = 2.5e-3 * np.sin(np.pi * (0.1 + 0.9 * stamps / SECONDS)) ** 2
+    return standing("frictionless", SIZE[2] + 4e-4 - stroke, X, t, stamps)
 
 
 @pytest.mark.parametrize("name", ["tool-friction", "adhesion", "floor-slip"])
@@ -320,3 +315,8 @@ def test_an_effect_is_of_the_world_or_of_a_sensor():
         replace(CATALOGUE["drag"], world=None)
     with pytest.raises(ValueError, match="two increasing sizes"):
         replace(CATALOGUE["drag"], prior=(1.0, 0.1))
+
+
+def test_a_shape_of_one_value_cannot_be_sought():
+    with pytest.raises(ValueError, match="shape n wants two values or more"):
+        replace(CATALOGUE["rate-dependence"], shapes={"n": (0.5,)})

@@ -13,7 +13,7 @@ from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import stable_dt
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.solids import Solid
-from form_drake.mpm.tools import Motions, Tool
+from form_drake.mpm.tools import Grip, Motions, Tool
 from form_drake.records.solver import Solver
 
 DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
@@ -258,3 +258,71 @@ def test_two_bodies_push_each_other():
 def test_bad_tools_are_refused(make, said):
     with pytest.raises(ValueError, match=said):
         make()
+
+
+def rested(contact, grip, gravity, below=0.0):
+    """A block on a half-space after a third of a second of calming; how far it has gone [m], and the force."""
+    body = block(np.array([0.0, 0.0, 0.5 * SIZE[2]]), SIZE, DX / 2, 1000.0)
+    region = np.stack([body.x.min(0) - 0.02, body.x.max(0) + 0.02])
+    floor = Tool("floor", Solid.half_space(), contact)
+    soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
+    scene = Scene([soft], [body], [floor], region=region, dx=DX, gravity=np.array(gravity))
+    still = Motions.at_rest(np.array([[0.0, 0.0, below]]))
+    scene.tie(still)
+    scene.simulation.tools.grip(0, grip)
+    end = scene.advance(scene.start(), still, 0.33, 60.0)
+    slip = end.state.slip[0]
+    return end.p_WQ - body.x, scene.advance(end, still, 0.02, 60.0).force[0], slip
+
+
+def test_a_layer_shears_as_its_compliance_says():
+    """The traction of the block's weight, which acts sideways, times the compliance."""
+    compliance = 2e-6
+    _, force, slip = rested("tied", Grip(compliance=compliance), [2.0, 0.0, 0.0])
+    traction = 1000.0 * SIZE[2] * 2.0
+    tied = np.abs(slip).max(axis=1) > 0.0
+    assert tied.sum() == (SIZE[0] / DX * 2) * (SIZE[1] / DX * 2)
+    assert slip[tied, 0].mean() == pytest.approx(compliance * traction, rel=0.03)
+    assert force[0] == pytest.approx(traction * SIZE[0] * SIZE[1], rel=0.02)
+    _, _, firm = rested("tied", Grip(), [2.0, 0.0, 0.0])
+    assert abs(firm[:, 0]).max() < 0.1 * compliance * traction
+
+
+@pytest.mark.parametrize("strength, holds", [(300.0, True), (20.0, False)])
+def test_adhesion_bears_a_block_that_weighs_less(strength, holds):
+    """Gravity pulls a block off the surface by 50 Pa of traction."""
+    gone, force, _ = rested(0.0, Grip(0.0, adhesion=strength), [0.0, 0.0, 2.0])
+    assert bool(gone[:, 2].max() < 1e-3) is holds
+    wanted = 1000.0 * SIZE.prod() * 2.0 if holds else 0.0
+    assert force[2] == pytest.approx(wanted, rel=0.02, abs=1e-6)
+
+
+def test_an_impulse_where_a_tool_touches_is_taken_there():
+    """What friction gives to the material's angular momentum, the tool's moment loses, whatever the lever."""
+    for lever in (0.0, 1.0):
+        body = block(np.array([0.04, 0.04, 0.02 + SIZE[2] / 2]), SIZE, DX / 2, 1000.0)
+        dt = 0.2 * stable_dt(LAWS["fixed-corotated"], SOFT, 1000.0, DX)
+        solver = Solver(dx=DX, nodes=(32, 16, 16), dt=dt, precision="float64", gravity=(0.0,) * 3)
+        tool = Tool("floor", Solid.half_space(), 0.4)
+        made = Simulation(solver, LAWS["fixed-corotated"], body, tools=[tool])
+        made.set_material(SOFT)
+        made.reset(body.x, np.tile([0.3, 0.0, -0.2], (len(body.x), 1)))
+        made.tools.move(Motions.at_rest(np.array([[0.0, 0.0, 0.0201]])))
+        made.tools.grip(0, Grip(0.4, lever=lever))
+
+        def spin(state, mass=body.mass):
+            """Of particles and their affine motion, about the origin."""
+            own = np.cross(state.x, state.v) * mass[:, None]
+            D = DX**2 / 4.0
+            skew = np.stack(
+                [state.C[:, k - 1, k - 2] - state.C[:, k - 2, k - 1] for k in range(3)], 1
+            )
+            return (own + D * mass[:, None] * skew).sum(0)
+
+        before = spin(made.state())
+        made.step(20)
+        gained, moment = spin(made.state()) - before, made.tools.impulses()[1][0]
+        # the tool's origin stands above that of the grid
+        moment = moment + np.cross([0.0, 0.0, 0.0201], made.tools.impulses()[0][0])
+        assert np.abs(moment).max() > 1e-6
+        assert gained == pytest.approx(-moment, rel=1e-6, abs=1e-12)

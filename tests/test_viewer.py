@@ -1,9 +1,6 @@
 """What a soft body looks like: its skin, a page that plays a simulation, pictures of a station."""
 
-import json
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -163,48 +160,12 @@ def pixels(camera: Camera, p_W: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.browser
-def test_a_browser_plays_the_page(pressed, tmp_path):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no chromium: apt-get install chromium")
+def test_a_browser_plays_the_page(pressed, tmp_path, played):
     _, viewer, _ = pressed
     write_page(viewer, tmp_path / "page.html", "press")
-    page = (tmp_path / "page.html").read_text()
-    watch = (
-        "<script>window.errors = []; window.onerror = m => errors.push(m);"
-        "console.error = (...a) => errors.push(a.join(' '));</script>"
-    )
-    look = (
-        f"<script>const frames = ['material', 'frames', '{viewer.pages}'];"
-        "setTimeout(() => { viewer.animator.pause(); viewer.animator.seek(0.21);"
-        "viewer.render(); tellTime(); }, 1500); setTimeout(() => { tellTime(); const seen = [...Array(10).keys()].filter("
-        "k => viewer.scene_tree.find([...frames, '' + k]).object.visible);"
-        "console.log('SEEN' + JSON.stringify({errors, seen,"
-        "now: document.getElementById('now').textContent})); }, 2500);</script>"
-    )
-    page = page.replace("<head>", f"<head>{watch}", 1).replace("</body>", f"{look}</body>")
-    (tmp_path / "watched.html").write_text(page)
-    flags = (
-        "--no-sandbox --headless=new --disable-dev-shm-usage --use-angle=swiftshader"
-        " --enable-unsafe-swiftshader --hide-scrollbars --window-size=800,600"
-        " --virtual-time-budget=4000 --enable-logging=stderr"
-    )
-    told = subprocess.run(
-        [
-            browser,
-            *flags.split(),
-            f"--user-data-dir={tmp_path / 'profile'}",
-            f"--screenshot={tmp_path / 'page.png'}",
-            (tmp_path / "watched.html").as_uri(),
-        ],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=100,
-    ).stderr
-    found = json.loads(re.search(r'"SEEN(\{.*\})", source', told).group(1))
+    tree = f"['material', 'frames', '{viewer.pages}']"
+    found, picture = played(tmp_path / "page.html", 0.21, 10, tree)
     assert found["errors"] == []
     assert found["seen"] == [6]  # the one of 0.2 s
     assert found["now"].startswith("t = 0.20 s, force ")
-    picture = imread(tmp_path / "page.png")[150:, :, :3]
-    assert picture.std() > 0.05  # something stands before the background
+    assert picture[150:].std() > 0.05  # something stands before the background

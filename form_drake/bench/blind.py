@@ -35,8 +35,7 @@ def cases_of(path: Path) -> dict[str, Case]:
         ValueError: there are none, or the folder holds a key.
     """
     if path.is_file():
-        listed = json.loads(read_text(path))
-        return {one["id"]: lambda one=one: _made(one) for one in listed}
+        return {one["id"]: lambda one=one: _made(one) for one in _listed(path)}
     if not path.is_dir():
         raise ValueError(f"{path}: no such folder, nor a list of cases")
     keys = [p.name for p in path.rglob("*") if "key" in p.stem and p.suffix == ".json"]
@@ -46,6 +45,20 @@ def cases_of(path: Path) -> dict[str, Case]:
     if not found:
         raise ValueError(f"{path}: no case there; a case is a folder with press.h5")
     return {folder.name: lambda folder=folder: _kept(folder) for folder in found}
+
+
+def _listed(path: Path) -> list[dict[str, Any]]:
+    try:
+        listed = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: no list of cases: {error}") from None
+    wanted = {"id": str, "seed": int, "kind": str}
+    for one in listed if isinstance(listed, list) else [None]:
+        if not isinstance(one, dict) or {k: type(v) for k, v in one.items()} != wanted:
+            raise ValueError(f"{path}: no list of cases; each has id, seed and kind, and no more")
+        if not one["id"].isalnum():
+            raise ValueError(f"{path}: case {one['id']!r}: letters and digits are wanted")
+    return list(listed)
 
 
 def _kept(folder: Path) -> list[Recording]:
@@ -82,7 +95,12 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         head, *rest = [json.loads(line) for line in read_text(path).splitlines()]
     except ValueError as error:
         raise ValueError(f"{path}: no verdicts of a blind bench: {error}") from None
-    if not {"code", "seal"} <= set(head) or not all("id" in one for one in rest):
+    whole = all(isinstance(one, dict) for one in (head, *rest))
+    if not (
+        whole
+        and {"code", "seal"} <= set(head)
+        and all({"id", "verdict"} <= set(one) for one in rest)
+    ):
         raise ValueError(f"{path}: no verdicts of a blind bench")
     return head, rest
 

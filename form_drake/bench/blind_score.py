@@ -82,6 +82,11 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         ValueError: the key is not the one that was sealed, or cases are not in it.
     """
     truth, (head, results) = read_mapping(key), verdicts(out)
+    told = all(
+        isinstance(t, dict) and {"seed", "kind", "effects"} <= set(t) for t in truth.values()
+    )
+    if not told:
+        raise ValueError(f"{key}: no key; each case has a seed, a kind and effects")
     if not digest(truth) == sealed(seal) == head["seal"]:
         raise ValueError(f"{key}: not the key that {seal} and {out} were sealed with")
     lost = [one["id"] for one in results if one["id"] not in truth]

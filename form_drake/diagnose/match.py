@@ -21,8 +21,8 @@ from form_drake.weak.solve import TINY, Weights, weights
 
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
+ALONE = 0.3  # of that, from one window to the next
 ALIKE = 0.03  # of a value
-ALONE = 0.3  # of it, from one window to the next
 STEP = 0.2  # of the width of a shape parameter, in differences
 
 

@@ -16,8 +16,8 @@ from form_drake.report import Report
 UNVERIFIED = (
     "Thresholds come from two neo-Hookean blocks of finite elements, pressed by a bonded and by a"
     " frictionless plate, and shaken, with noise of 50 um in tracks and of 1 % in forces; other bodies,"
-    " laws, motions and noises may need others. A stiff place was found with"
-    " two thirds of its factor times volume."
+    " laws, motions and noises may need others. How stiff and how large a place is"
+    " was compared with one case alone, and was not found well."
 )
 
 

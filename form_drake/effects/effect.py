@@ -122,7 +122,8 @@ class Effect:
             None: it is the world's. The recording's ``p_WQ`` and ``forces`` are arrays as of
             ``form_drake.records.Recording``.
         shown: motions that show it.
-        shapes: values of the shape parameters among which it is sought, by name.
+        shapes: values of the shape parameters among which it is sought, by name; they are refined
+            from the best. None for those of a place, which is sought in the body: x, y, z, radius.
         signed: whether the coefficient may be negative.
         least: coefficient that every one is above; of a signed effect, else it is zero.
         most: largest coefficient that there can be.
@@ -154,6 +155,10 @@ class Effect:
             raise ValueError(f"effect {self.id}: either column or trial is wanted")
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
+
+        for key, values in self.shapes.items():
+            if len(set(values)) < 2 and "radius" not in self.shapes:
+                raise ValueError(f"effect {self.id}: shape {key} wants two values or more")
 
     def bounded(self, size: float, now: float = 0.0) -> float:
         """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""

@@ -15,10 +15,11 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from form_drake.laws.kernels import flow, strain, stress, types
+from form_drake.laws.kernels import strain, stress, types
 from form_drake.laws.law import Law
 from form_drake.laws.tensor import deviator, exponential, hencky, norm
 
+LARGEST = 2e-3  # strain in a stride along a history
 NEVER = 1e9  # a strain, or a rate [1/s], without bound
 
 
@@ -40,6 +41,7 @@ class Memory:
 
     @property
     def vector(self) -> tuple[float, float, float, float]:
+        """As kernels read it."""
         return self.share, min(self.rate, NEVER), min(self.strain, NEVER), self.growth
 
 
@@ -68,10 +70,12 @@ def forget(precision: str):
 
 @cache
 def remember(law: Law, decomposition: str, precision: str):
-    """Kernel that ends a step as ``kernels.update`` does, for an elastic law that remembers."""
-    t = types(precision)
-    keep, evaluate = flow(law, decomposition, precision), stress(law, decomposition, precision)
-    measure, left = strain(law, decomposition, precision), forget(precision)
+    """Kernel that ends a step of an elastic law that remembers: F_m <- forget(trial F_m), tau.
+
+    Where ``project`` is 0, parts are taken as they are.
+    """
+    t, left = types(precision), forget(precision)
+    evaluate, measure = (of(law, decomposition, precision) for of in (stress, strain))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -88,9 +92,6 @@ def remember(law: Law, decomposition: str, precision: str):
     ):
         i = wp.tid()
         dt = clock[0][0]
-        if project[0] != 0:
-            new, _e = keep(F[i], constants[1])
-            F[i] = new
         whole = evaluate(F[i], measure(F[i]), L[i], theta, constants[0])
         total = whole
         for m in range(memories.shape[0]):
@@ -105,9 +106,6 @@ def remember(law: Law, decomposition: str, precision: str):
         tau[i] = total
 
     return kernel
-
-
-LARGEST = 2e-3  # strain in a stride along a history
 
 
 @cache

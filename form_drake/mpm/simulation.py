@@ -11,7 +11,8 @@ from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, update
 from form_drake.laws.memory import Memory, remember, vectors
 from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
-from form_drake.mpm.tools import Tool, Tools, decay
+from form_drake.mpm.tools import Tool, Tools
+from form_drake.mpm.touch import decay
 from form_drake.mpm.transfer import g2p, p2g
 from form_drake.mpm.walls import fold_kernels, fold_tables, grid_step, separating_bounds
 from form_drake.records.solver import Solver

@@ -224,8 +224,8 @@ class _Play:
     def _layer(self) -> float:
         """Shear compliance of what lies between a face and the middle of the first layer [m/Pa].
 
-        Particles that were tied without it would move where material half a spacing off the face
-        does not: tracks near bonded faces would be 30 um off at 7 % of compression, not 12 um.
+        Particles that were tied without it would stand where material half a spacing off the face
+        moves.
         """
         volume = self.scene.simulation.body.volume
         _, shear = self.world.law.moduli(self.world.values)

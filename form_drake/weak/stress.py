@@ -7,9 +7,9 @@ import warp as wp
 
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import flow, responses, types, yield_measures
+from form_drake.laws.memory import LARGEST
 
 PRECISION, DECOMPOSITION = "float64", "series"
-LARGEST = 2e-3  # strain in a stride along a plastic history
 LEAST_STRAIN = 1e-3  # of the largest, below which rounding tells what is left of it
 
 

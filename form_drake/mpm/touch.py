@@ -1,0 +1,242 @@
+"""Kernels of what rigid tools and the material give each other.
+
+A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
+into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, pulling only
+where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
+gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
+bonded tool prescribes the velocity of the grid nodes inside it; a tied one holds the particles that
+are tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
+material is taken from the tool, so that momentum is kept to round-off.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from form_drake.laws.kernels import types
+from form_drake.mpm.solids import distance, solid_type
+
+# Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
+# load, a small one is a soft surface; 1 lets what hits the tool bounce back.
+BETA = 0.75
+REACH = 2e-4  # [m] off a tool at which adhesion ends
+
+
+def _give(precision: str):
+    """Warp function that takes an impulse j at r from tool n."""
+    t = types(precision)
+
+    @wp.func
+    def give(taken: wp.array2d(dtype=wp.vec3d), n: int, r: t.vec3, j: t.vec3):
+        m = wp.cross(r, j)
+        wp.atomic_add(taken, n, 0, wp.vec3d(wp.float64(j[0]), wp.float64(j[1]), wp.float64(j[2])))
+        wp.atomic_add(taken, n, 1, wp.vec3d(wp.float64(m[0]), wp.float64(m[1]), wp.float64(m[2])))
+
+    return give
+
+
+@cache
+def contact(precision: str):
+    """Kernel of the impulses between the particles and one tool."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+    beta = wp.constant(real(BETA))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        solid: Struct,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+        grips: wp.array(dtype=t.vec4),
+        dx: real,
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        mass: wp.array(dtype=real),
+        radius: wp.array(dtype=real),
+        slip: wp.array2d(dtype=vec3),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        p = wp.tid()
+        r = x[p] - place[n]
+        near = far(solid, wp.transpose(turn[n]) * r)
+        depth = radius[p] - near[3]
+        dt = clock[0][0]
+        grip = grips[n]
+        reach = real(0.0)
+        if grip[1] > real(0.0):
+            reach = real(REACH)
+        if depth <= -reach or dt <= real(0.0):
+            slip[n, p] = vec3()
+            return
+        normal = turn[n] * vec3(near[0], near[1], near[2])
+        u = v[p] - speed[n] - wp.cross(spin[n], r)
+        along = wp.dot(normal, u)
+        push = beta * depth / dt - along
+        pull = real(0.0)
+        if reach > real(0.0):
+            whole = real(4.0) * radius[p] * radius[p] * grip[1] * dt / mass[p]
+            pull = whole * wp.min(real(1.0) + depth / reach, real(1.0))
+        if push <= real(0.0):
+            slip[n, p] = vec3()
+            if pull > real(0.0):
+                pulled = wp.max(push, -pull) * normal
+                v[p] = v[p] + pulled
+                give(taken, n, r, -mass[p] * pulled)
+            return
+        gone = slip[n, p]
+        sliding = u - along * normal
+        gone = gone - wp.dot(normal, gone) * normal + dt * sliding
+        wanted = sliding + (beta / dt) * gone
+        size = wp.length(wanted)
+        share = real(1.0)
+        friction = grip[0]
+        if friction >= real(0.0) and size > friction * push:
+            share = friction * push / size
+        slip[n, p] = share * gone
+        change = push * normal - share * wanted
+        v[p] = v[p] + change
+        # the affine motion to which an impulse off the middle of a particle amounts
+        arm = -grip[3] * radius[p] * normal
+        C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * arm)
+        give(taken, n, r + arm, -mass[p] * change)
+
+    return kernel
+
+
+@cache
+def tie(precision: str):
+    """Kernel that holds the particles that are tied to one tool, perhaps by a layer that shears."""
+    t = types(precision)
+    real, vec3, give = t.real, t.vec3, _give(precision)
+    beta = wp.constant(real(BETA))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+        grips: wp.array(dtype=t.vec4),
+        tied: wp.array2d(dtype=wp.bool),
+        x: wp.array(dtype=vec3),
+        v: wp.array(dtype=vec3),
+        mass: wp.array(dtype=real),
+        radius: wp.array(dtype=real),
+        slip: wp.array2d(dtype=vec3),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        p = wp.tid()
+        dt = clock[0][0]
+        if not tied[n, p] or dt <= real(0.0):
+            return
+        r = x[p] - place[n]
+        u = v[p] - speed[n] - wp.cross(spin[n], r)
+        gone = slip[n, p] + dt * u
+        wanted = u + (beta / dt) * gone
+        grip = grips[n]
+        if grip[2] > real(0.0):
+            normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
+            across = wanted - wp.dot(normal, wanted) * normal
+            along = gone - wp.dot(normal, gone) * normal
+            # the implicit step of a spring, which ends as what holds without compliance
+            stiff = dt * dt * real(4.0) * radius[p] * radius[p]
+            stiff = stiff / (stiff + grip[2] * mass[p])
+            sheared = across + (real(1.0) - beta) * (real(1.0) - stiff) / dt * along
+            wanted = wanted - across + stiff * sheared
+        slip[n, p] = gone
+        v[p] = v[p] - wanted
+        give(taken, n, r, mass[p] * wanted)
+
+    return kernel
+
+
+@cache
+def bond(precision: str):
+    """Kernel that moves the nodes inside one tool with it."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        n: int,
+        solid: Struct,
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        dx: real,
+        nodes: wp.vec3i,
+        grid: wp.array(dtype=t.vec4),
+        taken: wp.array2d(dtype=wp.vec3d),
+    ):
+        i = wp.tid()
+        node = grid[i]
+        if node[3] <= real(0.0):
+            return
+        c = i % nodes[2]
+        b = (i / nodes[2]) % nodes[1]
+        a = i / (nodes[1] * nodes[2])
+        r = dx * vec3(real(a), real(b), real(c)) - place[n]
+        if far(solid, wp.transpose(turn[n]) * r)[3] > real(0.0):
+            return
+        u = speed[n] + wp.cross(spin[n], r)
+        give(taken, n, r, node[3] * (vec3(node[0], node[1], node[2]) - u))
+        grid[i] = t.vec4(u[0], u[1], u[2], node[3])
+
+    return kernel
+
+
+@cache
+def carry(precision: str):
+    """Kernel that moves every tool by one step of its motion."""
+    t = types(precision)
+    real, vec3 = t.real, t.vec3
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        place: wp.array(dtype=vec3),
+        turn: wp.array(dtype=t.mat),
+        speed: wp.array(dtype=vec3),
+        spin: wp.array(dtype=vec3),
+        clock: wp.array(dtype=t.vec4),
+    ):
+        n = wp.tid()
+        dt = clock[0][0]
+        place[n] = place[n] + dt * speed[n]
+        angle = dt * wp.length(spin[n])
+        if angle > real(0.0):
+            K = wp.skew(wp.normalize(spin[n]))
+            R = turn[n]
+            turn[n] = R + wp.sin(angle) * (K * R) + (real(1.0) - wp.cos(angle)) * (K * (K * R))
+
+    return kernel
+
+
+@cache
+def decay(precision: str):
+    """Kernel that lets velocities and their gradients decay at a rate [1/s]."""
+    t = types(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        clock: wp.array(dtype=t.vec4),
+        rate: wp.array(dtype=t.real),
+        v: wp.array(dtype=t.vec3),
+        C: wp.array(dtype=t.mat),
+    ):
+        p = wp.tid()
+        if rate[0] > t.real(0.0):
+            left = wp.exp(-rate[0] * clock[0][0])
+            v[p] = left * v[p]
+            C[p] = left * C[p]
+
+    return kernel
