@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import Cause, Model, ProbeReading, Scenes
+from form_drake.diagnose.match import Match
 from form_drake.diagnose.prepare import probe
 from form_drake.diagnose.score import scored
 from form_drake.diagnose.search import matched
@@ -237,7 +238,7 @@ def loose():
 def test_contact_is_found_by_simulating_it(name):
     """Their columns are differences of simulations: begun from another size, the true one is found."""
     effect, (size, shape) = CATALOGUE[name], TRIED[name]
-    scenes = Scenes.of((loose(),), DX)
+    scenes = replace(Scenes.of((loose(),), DX), coarser=1.0)
     values = {"mu": 20.4e3, "lam": 39e3}
     start = Model(SOFT.law, SOFT.values)
 
@@ -246,11 +247,10 @@ def test_contact_is_found_by_simulating_it(name):
         own = probe(replace(made, noise=1e-6), "press", DX)
         return Problem.of([own], Unknowns.of(SOFT.law, {}, "law"), "borne")
 
-    hidden = matched(
-        problem(Cause(effect, size, shape)), scenes, start.more(effect, effect.trial, shape)
-    )
+    more = start.more(effect, effect.trial, shape)
+    hidden = matched(Match.of(problem(Cause(effect, size, shape)), scenes, more))
     assert hidden.model.causes[0].coefficient == pytest.approx(size, rel=0.05)
-    plain = matched(problem(), scenes, start)
+    plain = matched(Match.of(problem(), scenes, start))
     assert abs(scored(plain, effect, [shape]).coefficient) < 0.05 * size
 
 

@@ -175,5 +175,5 @@ def diagnosed(
     check = Check.of(unseen, without)
     after = tuple(unseen.rolled(naming.model))
     channels = tuple(check.channels(after))
-    simulated = (check.coarse, after)
+    simulated = (check.before, after)
     return Diagnosis(naming, without, channels, density, simulated, tuple(holdout))

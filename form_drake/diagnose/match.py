@@ -1,11 +1,13 @@
 """Data beside a twin: what the rows of one leave over and those of the other do not.
 
-A twin is a simulation of the measured scenes with a model, read as the data are. What reading and
-discretisation cost is in both, so that the gap between them is what the model has wrong.
+A twin is a simulation of the measured scenes with a model, read as the data are. What reading costs is
+in both, so that the gap between them is what the model has wrong. What a simulation has wrong changes
+little while the model does: a finer one tells it once, for the coarser ones that search (Stetter 1978,
+the defect correction principle).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +24,6 @@ from form_drake.weak.solve import TINY, Weights, weights
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
 ALONE = 0.3  # of that, from one window to the next
-ALIKE = 0.03  # of a value
 STEP = 0.2  # of the width of a shape parameter, in differences
 
 
@@ -36,6 +37,8 @@ class Match:
         by: inverse covariance of the rows of the data.
         model: that the twin was simulated with.
         scenes: of the recordings.
+        grid: what the twin has wrong, in rows of b - A theta, shape [rows].
+        here: whether ``grid`` was found with this model.
     """
 
     problem: Problem
@@ -43,25 +46,29 @@ class Match:
     by: Weights
     model: Model
     scenes: Scenes
+    grid: np.ndarray = field(repr=False)
+    here: bool = True
 
     @classmethod
-    def of(
-        cls, problem: Problem, scenes: Scenes, model: Model, near: "Match | None" = None
-    ) -> "Match":
-        """Simulate, read, and weigh as ``near`` does if its values are nearly the same."""
-        twin = twin_problem(
-            problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
-        )
+    def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
+        """Simulate on two grids, read, and weigh."""
+        twin = _twin(problem, scenes.rough, model)
+        finer = _twin(problem, scenes, model) if scenes.coarser > 1.0 else twin
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
-        if near is not None and alike(near.model.values, model.values):
-            return cls(problem, twin, near.by, model, scenes)
         noise = problem.noise(*problem.coordinates(model.values))
         noise = [
             n + layer_error(p, dx) for n, p, dx in zip(noise, twin.probes, scenes.dx, strict=True)
         ]
         by = weights(noise, np.ones(sum(map(len, noise))), 0.0)
-        return cls(problem, twin, by, model, scenes)
+        eta, theta = twin.coordinates(model.values)
+        one, other = (_rest(p.rows(eta, theta), theta) for p in (finer, twin))
+        return cls(problem, twin, by, model, scenes, one - other)
+
+    def near(self, model: Model) -> "Match":
+        """That of a model which is not far, by one coarse simulation."""
+        twin = _twin(self.problem, self.scenes.rough, model)
+        return replace(self, twin=twin, model=model, here=False)
 
     @cached_property
     def readings(self) -> tuple[ProbeReading, ...]:
@@ -86,14 +93,12 @@ class Match:
         if key not in self._simulated:
             probes = self.problem.probes
             meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
-            scenes, model = self.scenes.only(meant), self.model.more(effect, effect.trial, shape)
+            scenes = self.scenes.only(meant).rough
             one, other = (
                 replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
                 for p in (self.twin, self.problem)
             )
-            other = twin_problem(
-                other, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
-            )
+            other = _twin(other, scenes, self.model.more(effect, effect.trial, shape))
             eta, theta = self.twin.coordinates(self.model.values)
             change = _rest(other.rows(eta, theta), theta) - _rest(one.rows(eta, theta), theta)
             lengths = [int(p.keep.sum()) for p in probes]
@@ -150,7 +155,7 @@ class Match:
             if len(both) == 2:
                 shift += np.mean(both, axis=0) - still
                 count += 1
-        return np.asarray(data - own - shift / max(count, 1))
+        return np.asarray(data - own - self.grid - shift / max(count, 1))
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -193,11 +198,6 @@ class Match:
         return replace(self.model, causes=tuple(causes))
 
 
-def alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Whether values are so near to each other that noise does the same to the rows."""
-    return all(abs(other[k] - v) <= ALIKE * abs(v) for k, v in one.items())
-
-
 def layer_error(probe: Probe, dx: float) -> np.ndarray:
     """Covariance of what a simulation has wrong of the layers at held faces, of all rows.
 
@@ -214,6 +214,13 @@ def layer_error(probe: Probe, dx: float) -> np.ndarray:
         for own in rows.T:
             total[np.ix_(own, own)] = np.outer(error, error) + ALONE**2 * np.diag(error**2)
     return total[np.ix_(probe.keep, probe.keep)]
+
+
+def _twin(problem: Problem, scenes: Scenes, model: Model) -> Problem:
+    """A simulation of scenes, read as those of a problem."""
+    return twin_problem(
+        problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
+    )
 
 
 def _rest(rows: Rows, theta: np.ndarray) -> np.ndarray:

@@ -120,11 +120,13 @@ class Scenes:
         recordings: of blocks, see ``form_drake.mpm.stage.Stage``.
         dx: grid spacing in each [m].
         device: Warp device.
+        coarser: times the spacing, for simulations that search and tell what the grid has wrong.
     """
 
     recordings: tuple[Recording, ...]
     dx: tuple[float, ...]
     device: str = "cpu"
+    coarser: float = 1.5
 
     @classmethod
     def of(
@@ -140,8 +142,10 @@ class Scenes:
         recordings = tuple(self.recordings[n] for n in chosen)
         return replace(self, recordings=recordings, dx=tuple(self.dx[n] for n in chosen))
 
-    def finer(self, factor: float) -> "Scenes":
-        return replace(self, dx=tuple(dx / factor for dx in self.dx))
+    @property
+    def rough(self) -> "Scenes":
+        """On the coarser grid."""
+        return replace(self, dx=tuple(dx * self.coarser for dx in self.dx))
 
     def rolled(self, model: Model) -> list[Recording]:
         """What the sensors would record.

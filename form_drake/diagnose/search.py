@@ -11,11 +11,11 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.model import Model, Scenes
-from form_drake.identify.problem import Problem
+from form_drake.diagnose.model import Model
 from form_drake.weak.solve import TINY
 
-PASSES = 10  # simulations, at most
+PASSES = 12  # coarse simulations, at most
+FINE = 4  # simulations on the finer grid, at most
 SETTLED = 0.5  # standard deviations that are no change
 SAME = 0.5  # of a whitened gap's square that is left to gain, which is not worth a simulation
 NOISE = 10.0  # of a whitened gap's square, by which a step may miss it through noise alone
@@ -100,7 +100,7 @@ class Search:
         match, change = self.match, self._change(self.damping, self._columns)
         damped = max(LARGER * self.damping, FIRST)
         try:
-            after = Match.of(match.problem, match.scenes, self.model(change), match)
+            after = match.near(self.model(change))
         except ValueError:  # the simulation does not stand the step
             if damped > LARGER**3:
                 raise
@@ -112,33 +112,36 @@ class Search:
             weight = change / match.std**2
             missed = match.apart - after.apart - (match.slopes + self.mended) @ change
             taught = self.mended + np.outer(missed, weight) / (weight @ change)
-        if reached > WORSE * float(np.sum(match.gap**2)):
+        before = float(np.sum(match.gap**2))
+        if reached > max(WORSE * before, before + 2.0 * SAME):
             return replace(self, mended=taught, damping=damped)
         less = self.damping / LARGER
-        return Search(after, taught, less if less > FIRST / LARGER else 0.0)
+        damping = less if less > FIRST / LARGER else 0.0
+        return replace(self, match=after, mended=taught, damping=damping)
+
+    def anchored(self) -> "Search":
+        """The same place, with what the grid has wrong there."""
+        match = self.match
+        return replace(self, match=Match.of(match.problem, match.scenes, match.model))
 
 
-def matched(
-    problem: Problem,
-    scenes: Scenes,
-    start: Model,
-    progress: Callable[[Search], None] = lambda search: None,
-) -> Match:
+def matched(start: Match, progress: Callable[[Search], None] = lambda search: None) -> Match:
     """The twin nearest to the data.
 
     Args:
-        problem: probes of the data and unknowns of the law.
-        scenes: of the recordings.
-        start: model to begin with.
+        start: one of the same data.
         progress: hears where the search is.
 
     Raises:
         ValueError: the scenes cannot be simulated.
     """
-    search = Search.of(Match.of(problem, scenes, start))
-    for _ in range(PASSES - 1):
+    search, passes, fine = Search.of(start), 1, int(start.here)
+    while True:
         progress(search)
-        if search.settled:
-            break
-        search = search.stepped()
-    return search.match
+        done = search.settled or passes == PASSES
+        if done and (search.match.here or fine == FINE):
+            return search.match
+        if done:
+            search, fine = search.anchored(), fine + 1
+        else:
+            search, passes = search.stepped(), passes + 1

@@ -81,7 +81,7 @@ def named(
         ValueError: a scene cannot be simulated.
     """
     progress("simulating the twin")
-    match, passes = matched(problem, scenes, start), []
+    match, passes = matched(Match.of(problem, scenes, start)), []
     while True:
         progress("scoring effects")
         passes.append(judged(match, effects, thresholds))
@@ -91,7 +91,7 @@ def named(
         progress(f"adding {best.effect.id}")
         cause = Cause(best.effect, best.effect.bounded(best.coefficient), best.shape)
         more = replace(match.model, causes=(*match.model.causes, cause))
-        match = matched(problem, scenes, more)
+        match = matched(match.near(more))
     model = match.told
     added = model.causes[len(start.causes) :]
     verdict: Verdict = "named" if added else "none"

@@ -1,6 +1,6 @@
 """What an effect is worth: motions that were held back, predicted without it and with it.
 
-What a simulator has wrong is measured too, as what a finer grid changes. That direction is projected
+What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
 out of the errors before and after alike, so that neither is blamed for it.
 """
 
@@ -14,7 +14,6 @@ from form_drake.motion.tracks import jitter
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
-FINER = 1.5  # times as many cells along every axis, for what the grid changes
 SEEN = 2.0  # times the floor, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
 LEFT = 0.2  # of what the grid changes, which its projection leaves
@@ -30,7 +29,7 @@ class Channel:
         before: without the effects.
         after: with them.
         floor: of the measurement's noise.
-        grid: what a finer grid changes of the prediction.
+        grid: what a coarser grid changes of the prediction.
     """
 
     name: str
@@ -57,35 +56,35 @@ class Check:
 
     Attributes:
         measured: recordings that were held back.
-        coarse: predicted without the effects.
-        fine: the same on a finer grid.
+        before: predicted without the effects.
+        coarse: the same on a coarser grid.
     """
 
     measured: tuple[Recording, ...]
+    before: tuple[Recording, ...]
     coarse: tuple[Recording, ...]
-    fine: tuple[Recording, ...]
 
     @classmethod
     def of(cls, scenes: Scenes, without: Model) -> "Check":
         """Simulate held-out scenes with a model without effects."""
-        coarse, fine = scenes.rolled(without), scenes.finer(FINER).rolled(without)
-        return cls(scenes.recordings, tuple(coarse), tuple(fine))
+        before, coarse = (s.rolled(without) for s in (scenes, scenes.rough))
+        return cls(scenes.recordings, tuple(before), tuple(coarse))
 
     def channels(self, after: Sequence[Recording]) -> list[Channel]:
         """Errors of the model without effects and of another one's recordings."""
         found = []
-        rows = zip(self.measured, self.coarse, self.fine, after, strict=True)
-        for n, (seen, coarse, fine, other) in enumerate(rows, start=1):
+        rows = zip(self.measured, self.before, self.coarse, after, strict=True)
+        for n, (seen, before, coarse, other) in enumerate(rows, start=1):
             tools = [
                 (
                     f"force of {tool} {n}",
                     "N",
                     f.noise,
-                    [r.forces[tool].value for r in (seen, coarse, fine, other)],
+                    [r.forces[tool].value for r in (seen, before, coarse, other)],
                 )
                 for tool, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
             ]
-            u = [r.p_WQ - seen.reference for r in (seen, coarse, fine, other)]
+            u = [r.p_WQ - seen.reference for r in (seen, before, coarse, other)]
             for name, unit, noise, values in [(f"tracks {n}", "m", _noise(seen), u), *tools]:
                 found.append(_channel(name, unit, noise, values))
         return found
@@ -100,8 +99,8 @@ def _noise(recording: Recording) -> float:
 
 
 def _channel(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -> Channel:
-    seen, coarse, fine, other = values
-    grid = np.nan_to_num(fine - coarse).ravel()
+    seen, before, coarse, other = values
+    grid = np.nan_to_num(before - coarse).ravel()
     along = grid / max(float(np.linalg.norm(grid)), 1e-300)
     use = np.isfinite(seen).ravel()
 
@@ -111,4 +110,4 @@ def _channel(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -
         return float(np.sqrt(flat @ flat / use.sum()))
 
     size = float(np.sqrt(np.mean(grid**2)))
-    return Channel(name, unit, rms(seen - coarse), rms(seen - other), noise, size)
+    return Channel(name, unit, rms(seen - before), rms(seen - other), noise, size)

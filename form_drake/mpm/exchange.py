@@ -10,7 +10,7 @@ from form_drake.material import Material
 from form_drake.mpm.model import Body, State
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.tools import Motions, Tool
-from form_drake.records.solver import Solver
+from form_drake.records.solver import Gradient, Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
 LAYER = 1.8  # of the same, within which particles are tied: the first layer, whatever its spacing
@@ -51,6 +51,7 @@ class Scene:
         mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
             time steps.
         memories: of the bodies, see ``form_drake.laws.memory``.
+        gradient: of the solver, see ``form_drake.records.Solver``.
         precision: ``float32`` or ``float64``.
         device: Warp device.
 
@@ -69,6 +70,7 @@ class Scene:
         gravity: np.ndarray,
         mass_scale: float = 1.0,
         memories: Sequence[Memory] = (),
+        gradient: Gradient = "exact",
         precision: str = "float32",
         device: str = "cpu",
     ):
@@ -85,6 +87,7 @@ class Scene:
         solver = Solver(
             dx=dx,
             nodes=tuple(int(n) for n in nodes),
+            gradient=gradient,
             precision=precision,
             gravity=tuple(float(g) / mass_scale for g in gravity),
         )
@@ -113,11 +116,13 @@ class Scene:
         """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it."""
         radius = 0.5 * np.cbrt(self.simulation.body.volume)
         tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
+        knots = np.zeros((*tied.shape, 3))
         for n, tool in enumerate(self.tools):
             if tool.contact == "tied":
                 local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
                 tied[n] = tool.solid.distance(local) < LAYER * radius
-        self.simulation.tools.tie(tied)
+                knots[n] = local - radius[:, None] * np.array([0.0, 0.0, 1.0])
+        self.simulation.tools.tie(tied, knots)
 
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""

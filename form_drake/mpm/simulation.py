@@ -258,7 +258,8 @@ class Simulation:
             self._launch(
                 decay(self.solver.precision), n, [self._clock, self._damping, self._v, self._C]
             )
-            self.tools.push(self._clock, dx, self._x, self._v, self._C, self._mass, self._radius)
+            moved = [self._x, self._v, self._C, self._F]
+            self.tools.push(self._clock, dx, *moved, self._mass, self._radius)
         particles = [self._x, self._v, self._C, self._tau, self._mass, self._volume]
         self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
         self._launch_walls()

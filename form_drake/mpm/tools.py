@@ -43,18 +43,18 @@ class Grip:
         friction: Coulomb's coefficient of a touching tool; negative: it cannot slip.
         adhesion: tension that a touching tool bears [Pa]; it fades over ``REACH`` of distance.
         compliance: of a layer in shear between a tied tool and what it holds [m/Pa].
-        lever: share of a particle's radius off its middle at which a touching tool pushes it. With
-            one the layer that touches bears all of the pressure and widens as what is below does.
+        lever: whether a touching tool pushes particles where they touch it, not in their middle; the
+            layer that touches then bears all of the pressure and widens as what is below does.
     """
 
     friction: float = -1.0
     adhesion: float = 0.0
     compliance: float = 0.0
-    lever: float = 0.0
+    lever: bool = False
 
     @property
     def vector(self) -> tuple[float, float, float, float]:
-        return self.friction, self.adhesion, self.compliance, self.lever
+        return self.friction, self.adhesion, self.compliance, float(self.lever)
 
 
 def _grip(tool: Tool) -> Grip:
@@ -98,6 +98,7 @@ class Tools:
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
+        self._knot = wp.zeros_like(self._slip)
         self._grip = wp.array([_grip(tool).vector for tool in tools], dtype=t.vec4, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
@@ -113,9 +114,16 @@ class Tools:
         grips[n] = grip.vector
         self._grip.assign(grips)
 
-    def tie(self, tied: np.ndarray) -> None:
-        """Say which particles are tied to which tool, shape [tools, particles]."""
+    def tie(self, tied: np.ndarray, knots: np.ndarray) -> None:
+        """Say which particles are tied to which tool.
+
+        Args:
+            tied: shape [tools, particles].
+            knots: points that the faces of the particles are held at, in the frames of the tools [m],
+                shape [tools, particles, 3].
+        """
         self._tied.assign(np.asarray(tied, dtype=bool))
+        self._knot.assign(np.ascontiguousarray(knots, dtype=self._dtype))
 
     def impulses(self) -> tuple[np.ndarray, np.ndarray]:
         """Impulse [N s] on every tool and its moment [N m s] about the tool's origin, so far.
@@ -132,23 +140,24 @@ class Tools:
 
     @property
     def slip(self) -> np.ndarray:
-        """How far particles have gone from where they touched [m], shape [tools, particles, 3]."""
+        """How far particles have gone along a tool from where they touched it [m]; across it, the depth
+        that would bear what a lever's impulses bear at none. Shape [tools, particles, 3]."""
         return self._slip.numpy().copy()
 
     @slip.setter
     def slip(self, value: np.ndarray) -> None:
         self._slip.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
-    def push(self, clock, dx, x, v, C, mass, radius) -> None:
+    def push(self, clock, dx, x, v, C, F, mass, radius) -> None:
         """Launch what the touching tools do to the particles before a step."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
             if tool.contact == "tied":
-                inputs = [n, *self._where(), clock, self._grip, self._tied]
-                inputs += [x, v, mass, radius, self._slip, self._taken]
+                inputs = [n, *self._where(), clock, self._grip, self._tied, self._knot]
+                inputs += [dx, x, v, C, F, mass, radius, self._slip, self._taken]
                 wp.launch(tie(self._precision), len(x), inputs, device=self.device)
             elif tool.contact != "bonded":
                 inputs = [n, solid, *self._where(), clock, self._grip]
-                inputs += [dx, x, v, C, mass, radius, self._slip, self._taken]
+                inputs += [dx, x, v, C, F, mass, radius, self._slip, self._taken]
                 wp.launch(contact(self._precision), len(x), inputs, device=self.device)
 
     def hold(self, clock, dx, nodes, grid) -> None:

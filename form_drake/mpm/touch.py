@@ -7,6 +7,10 @@ gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond whi
 bonded tool prescribes the velocity of the grid nodes inside it; a tied one holds the particles that
 are tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
 material is taken from the tool, so that momentum is kept to round-off.
+
+Tied particles, and those under a grip with a lever, are held where they touch: at the end r F N of the
+particle, N = F^T n / |F^T n|, whose impulse gives it an affine motion too. What bears a load needs no
+depth there: depths add up (the integral term of a controller) until none is left.
 """
 
 from functools import cache
@@ -19,6 +23,7 @@ from form_drake.mpm.solids import distance, solid_type
 # Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
 # load, a small one is a soft surface; 1 lets what hits the tool bounce back.
 BETA = 0.75
+LEARN = 0.01  # share of its depth that a step adds to what pushes a particle at no depth
 REACH = 2e-4  # [m] off a tool at which adhesion ends
 
 
@@ -41,7 +46,7 @@ def contact(precision: str):
     t = types(precision)
     real, vec3 = t.real, t.vec3
     far, Struct, give = distance(precision), solid_type(precision), _give(precision)
-    beta = wp.constant(real(BETA))
+    beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -57,6 +62,7 @@ def contact(precision: str):
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
+        F: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         radius: wp.array(dtype=real),
         slip: wp.array2d(dtype=vec3),
@@ -65,31 +71,37 @@ def contact(precision: str):
         p = wp.tid()
         r = x[p] - place[n]
         near = far(solid, wp.transpose(turn[n]) * r)
-        depth = radius[p] - near[3]
-        dt = clock[0][0]
         grip = grips[n]
+        normal = turn[n] * vec3(near[0], near[1], near[2])
+        half = radius[p]
+        if grip[3] > real(0.0):
+            half = half * wp.length(wp.transpose(F[p]) * normal)
+        depth = half - near[3]
+        dt = clock[0][0]
         reach = real(0.0)
         if grip[1] > real(0.0):
             reach = real(REACH)
-        if depth <= -reach or dt <= real(0.0):
+        gone = slip[n, p]
+        borne = real(0.0)
+        if grip[3] > real(0.0):
+            borne = wp.max(wp.dot(normal, gone) + learn * depth, real(0.0))
+        if depth + borne <= -reach or dt <= real(0.0):
             slip[n, p] = vec3()
             return
-        normal = turn[n] * vec3(near[0], near[1], near[2])
         u = v[p] - speed[n] - wp.cross(spin[n], r)
         along = wp.dot(normal, u)
-        push = beta * depth / dt - along
+        push = beta * (depth + borne) / dt - along
         pull = real(0.0)
         if reach > real(0.0):
             whole = real(4.0) * radius[p] * radius[p] * grip[1] * dt / mass[p]
             pull = whole * wp.min(real(1.0) + depth / reach, real(1.0))
         if push <= real(0.0):
-            slip[n, p] = vec3()
+            slip[n, p] = borne * normal
             if pull > real(0.0):
                 pulled = wp.max(push, -pull) * normal
                 v[p] = v[p] + pulled
                 give(taken, n, r, -mass[p] * pulled)
             return
-        gone = slip[n, p]
         sliding = u - along * normal
         gone = gone - wp.dot(normal, gone) * normal + dt * sliding
         wanted = sliding + (beta / dt) * gone
@@ -98,11 +110,13 @@ def contact(precision: str):
         friction = grip[0]
         if friction >= real(0.0) and size > friction * push:
             share = friction * push / size
-        slip[n, p] = share * gone
+        slip[n, p] = share * gone + borne * normal
         change = push * normal - share * wanted
         v[p] = v[p] + change
-        # the affine motion to which an impulse off the middle of a particle amounts
-        arm = -grip[3] * radius[p] * normal
+        # the affine motion that an impulse off the middle of a particle amounts to
+        arm = vec3()
+        if grip[3] > real(0.0):
+            arm = -half * normal
         C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * arm)
         give(taken, n, r + arm, -mass[p] * change)
 
@@ -111,10 +125,13 @@ def contact(precision: str):
 
 @cache
 def tie(precision: str):
-    """Kernel that holds the particles that are tied to one tool, perhaps by a layer that shears."""
+    """Kernel that holds the faces of the particles that are tied to one tool where they were tied.
+
+    They may be tied by a layer that shears.
+    """
     t = types(precision)
     real, vec3, give = t.real, t.vec3, _give(precision)
-    beta = wp.constant(real(BETA))
+    beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -126,8 +143,12 @@ def tie(precision: str):
         clock: wp.array(dtype=t.vec4),
         grips: wp.array(dtype=t.vec4),
         tied: wp.array2d(dtype=wp.bool),
+        knot: wp.array2d(dtype=vec3),
+        dx: real,
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
+        C: wp.array(dtype=t.mat),
+        F: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         radius: wp.array(dtype=real),
         slip: wp.array2d(dtype=vec3),
@@ -138,22 +159,25 @@ def tie(precision: str):
         if not tied[n, p] or dt <= real(0.0):
             return
         r = x[p] - place[n]
+        normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
+        arm = F[p] * wp.normalize(wp.transpose(F[p]) * normal)
+        arm = -radius[p] * arm
+        gone = r + arm - turn[n] * knot[n, p]
         u = v[p] - speed[n] - wp.cross(spin[n], r)
-        gone = slip[n, p] + dt * u
-        wanted = u + (beta / dt) * gone
-        grip = grips[n]
-        if grip[2] > real(0.0):
-            normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
-            across = wanted - wp.dot(normal, wanted) * normal
-            along = gone - wp.dot(normal, gone) * normal
-            # the implicit step of a spring, which ends as what holds without compliance
-            stiff = dt * dt * real(4.0) * radius[p] * radius[p]
-            stiff = stiff / (stiff + grip[2] * mass[p])
-            sheared = across + (real(1.0) - beta) * (real(1.0) - stiff) / dt * along
-            wanted = wanted - across + stiff * sheared
-        slip[n, p] = gone
+        # the layer bears along the surface what a depth of its slip / soft would
+        soft = beta * grips[n][2] * mass[p] / (real(4.0) * radius[p] * radius[p] * dt * dt)
+        stiff = real(1.0) / (real(1.0) + soft)
+        across = wp.dot(normal, gone) * normal
+        along = stiff * (gone - across)
+        borne = slip[n, p] + learn * (across + along)
+        sideways = borne - wp.dot(normal, borne) * normal
+        borne = borne - (learn * soft / (real(1.0) + learn * soft)) * sideways
+        first = wp.dot(normal, u) * normal
+        wanted = first + stiff * (u - first) + (beta / dt) * (across + along + borne)
+        slip[n, p] = borne
         v[p] = v[p] - wanted
-        give(taken, n, r, mass[p] * wanted)
+        C[p] = C[p] - wp.outer(wanted, real(4.0) / (dx * dx) * arm)
+        give(taken, n, r + arm, mass[p] * wanted)
 
     return kernel
 

@@ -123,12 +123,16 @@ class OpenFields:
         return ()
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
-        found = {}
-        for n, (tool, off) in enumerate(self.off.items()):
-            nearest = np.abs(motion.time[:, None] - self.time).argmin(axis=1)
+        found, off = {}, self.alone(motion.time)
+        for n, tool in enumerate(self.off):
             found[tool] = np.zeros((len(motion.time), len(self.off), 3))
-            found[tool][:, n, self.axes[tool]] = off[nearest]
+            found[tool][:, n, self.axes[tool]] = off[:, n]
         return found
+
+    def alone(self, time: np.ndarray) -> np.ndarray:
+        """Whether each tool is off at times of a grid [s], shape [grid, tools]."""
+        nearest = np.abs(time[:, None] - self.time).argmin(axis=1)
+        return np.stack(list(self.off.values()), axis=1)[nearest]
 
     def at(self, motion: Motion) -> Sampled:
         shape = (len(motion.time), len(self.off), len(motion.X), 3)
@@ -154,8 +158,7 @@ def seeing(fields: Sequence[Fields], windows: Windows) -> np.ndarray:
     def sees(f: Fields) -> bool | np.ndarray:
         if not isinstance(f, OpenFields):
             return True
-        off = np.stack(list(f.off.values()), axis=1).astype(float)
-        return np.asarray(windows.chi @ off > 0.0)
+        return np.asarray(windows.chi @ f.alone(windows.time).astype(float) > 0.0)
 
     return _rows(fields, windows, sees)
 

@@ -1,0 +1,78 @@
+"""Contact under plates that do not hold what they press: a closed form, and forces where none is due."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from form_drake.diagnose import Model
+from form_drake.diagnose.prepare import probe
+from form_drake.laws import LAWS
+from form_drake.mpm.stage import Stage
+from form_drake.records import Recording, Stream
+from form_drake.weak.contact import OpenFields
+
+LAW, TRUTH = LAWS["neo-hookean"], {"C10": 5e3, "kappa": 20e3}
+EDGE, SECONDS, RATE = 0.02, 0.35, 120.0
+
+
+def press(stroke):
+    """A cube between smooth plates, of which one goes down by a stroke [m], rests, and goes off the cube."""
+    rng = np.random.default_rng(0)
+    X = np.array([-0.5, -0.5, 0.0]) * EDGE + EDGE * rng.uniform(0.04, 0.96, (150, 3))
+    s = np.linspace(0.0, 1.0, round(RATE * SECONDS) + 1)
+    pose = np.tile(np.eye(4), (len(s), 1, 1))
+    down = np.sin(0.5 * np.pi * np.minimum(s / 0.5, 1.0)) ** 2
+    up = 2.0 * np.clip((s - 0.7) / 0.2, 0.0, 1.0)
+    pose[:, 2, 3] = EDGE - stroke * (down - up)
+    time = SECONDS * s
+    return Recording.from_arrays(
+        time,
+        np.tile(X, (len(s), 1, 1)),
+        p_reference=X,
+        density=1000.0,
+        gravity=np.zeros(3),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
+        poses={"plate": Stream(time, pose)},
+        forces={"plate": Stream(time, np.zeros((len(s), 3)), noise=1e-3)},
+        noise=1e-6,
+        law=LAW.name,
+    )
+
+
+def uniaxial(stretch):
+    """Force [N] on the cube and its stretch across, W = C10 (J^(-2/3) tr b - 3) + kappa (J - 1)^2 / 2."""
+
+    def cauchy(own, across):
+        J = stretch * across**2
+        mean = (stretch**2 + 2.0 * across**2) / 3.0
+        return 2.0 * TRUTH["C10"] * J ** (-5.0 / 3.0) * (own**2 - mean) + TRUTH["kappa"] * (J - 1.0)
+
+    across = brentq(lambda a: cauchy(a, a), 0.9, 1.2)
+    return cauchy(stretch, across) * (across * EDGE) ** 2, across
+
+
+def test_a_block_between_smooth_plates_is_pressed_evenly():
+    """By a tenth of its height, on which layers near the plates cross rows of nodes."""
+    stage = Stage(press(0.1 * EDGE), EDGE / 5.0)
+    made, motion = stage.moving(stage.world(Model(LAW, TRUTH).material(1000.0)))
+    rests = (motion.time > 0.6 * SECONDS) & (motion.time < 0.68 * SECONDS)
+    force, across = uniaxial(0.9)
+    found = made.forces["plate"].value[rests, 2].mean()
+    assert abs(found) == pytest.approx(abs(force), rel=5e-3)
+    F = motion.F[rests]
+    assert F[:, :, 2, 2].mean() == pytest.approx(0.9, abs=1e-3)
+    assert F[:, :, 0, 0].mean() == pytest.approx(across, abs=1e-3)
+    assert np.abs(F[:, :, 2, 2] - 0.9).max() < 0.01
+    assert np.abs(made.forces["plate"].value[-3:]).max() < 0.01 * abs(force)  # it has let go
+
+
+def test_a_force_on_a_plate_that_is_off_is_seen_when_it_is():
+    """However the windows' own times lie between the frames."""
+    lifted = press(0.1 * EDGE)
+    read = probe(lifted, "press", 0.004)
+    (open_,) = (f for f in read.fields if isinstance(f, OpenFields))
+    assert len(read.windows.time) != len(lifted.time)
+    kept = read.keep.reshape(len(read.windows), -1)[:, -len(open_.names)]
+    first = SECONDS * 0.8  # the plate is back where it began
+    assert np.array_equal(kept, read.windows.ends[:, 1] > first) and 0 < kept.sum() < len(kept)
