@@ -6,6 +6,7 @@ Data and twin come from one solver here; other tests have data that no solver of
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from form_drake.__main__ import main
 from form_drake.diagnose import Cause, Model, Scenes
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
+from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
@@ -112,6 +114,21 @@ def test_the_hidden_effect_stands_out(name):
     assert 0.5 < found[0].coefficient / size < 2.0  # to first order, about moduli that took a part
     assert found[0].limit < size
     assert np.allclose(np.diag(coherence(found)), 1.0)
+
+
+def test_a_score_counts_what_a_possible_size_explains():
+    """Nothing can be softer than without stiffness, however much the column alone would take."""
+    tried, columns = [{"n": 0.0}, {"n": 1.0}], np.eye(4)[:, :2]
+    for left, (n, size, score) in {
+        (-3.0, 2.0, 0.0, 1.0): (0, -1.0, 5.0),
+        (-3.0, 2.5, 0.0, 1.0): (1, 2.5, 6.25),
+    }.items():
+        match = SimpleNamespace(
+            columns=lambda effect, shapes: columns, off=lambda a: a, left=np.array(left)
+        )
+        best = one_scored(match, CATALOGUE["inclusion"], tried)
+        assert (best.shape, best.coefficient) == (tried[n], pytest.approx(size))
+        assert best.score == pytest.approx(score - 2.0 * np.log(2.0))
 
 
 def test_places_lie_inside_the_body():

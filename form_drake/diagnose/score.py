@@ -28,8 +28,8 @@ class Score:
     Attributes:
         effect: of the catalogue.
         shape: values of its shape parameters.
-        coefficient: in the effect's unit; to first order, and about moduli that have taken what they
-            can of the effect.
+        coefficient: in the effect's unit and bounds; to first order, and about moduli that have taken
+            what they can of the effect.
         std: of it.
         score: what it takes of the residual's square, less 2 ln of the number of shapes; not
             below zero.
@@ -83,14 +83,15 @@ def coherence(found: Sequence[Score]) -> np.ndarray:
 
 
 def _best(effect: Effect, tried: Sequence[Shape], columns: np.ndarray, left: np.ndarray) -> Score:
-    length = np.linalg.norm(columns, axis=0)
-    unit = columns / np.maximum(length, TINY)
-    taken = unit.T @ left
-    if not effect.signed:
-        taken = np.maximum(taken, 0.0)
-    n = int(np.argmax(np.abs(taken)))
-    size = max(float(length[n]), TINY)
-    score = max(float(taken[n] ** 2) - 2.0 * np.log(len(tried)), 0.0)
+    length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    unit = columns / length
+    wanted = unit.T @ left
+    least = effect.least if effect.signed else 0.0
+    taken = np.clip(wanted, least * length, effect.most * length)
+    gain = taken * (2.0 * wanted - taken)
+    n = int(np.argmax(gain))
+    size = float(length[n])
+    score = max(float(gain[n]) - 2.0 * np.log(len(tried)), 0.0)
     return Score(
         effect, tried[n], float(taken[n]) / size, 1.0 / size, score, DETECTED / size, unit[:, n]
     )

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import lsq_linear
+from scipy.optimize import brentq, lsq_linear
 
 Blocks = Sequence[np.ndarray]
 TINY = 1e-100  # length of a column that holds nothing
+CLOSE = 4e-3  # of a model error, relatively
 LEAST_ERROR = 1e-7  # of a row's size: what interpolation and quadrature always leave
 
 
@@ -79,18 +81,19 @@ def balanced(noise: Blocks, scale: np.ndarray, A: np.ndarray, b: np.ndarray) -> 
     Zero where the noise alone explains the residual.
     """
 
-    def excess(error: float) -> float:
-        found = weights(noise, scale, error)
+    @cache
+    def excess(log_error: float) -> float:
+        found = weights(noise, scale, float(np.exp(log_error)))
         r = found.white(b - A @ solved(A, b, found).theta)
-        return float(r @ r) - (len(b) - A.shape[1])
+        return float(np.log(max(r @ r, TINY) / max(len(b) - A.shape[1], 1)))
 
-    if excess(LEAST_ERROR) <= 0.0:
+    least, most = float(np.log(LEAST_ERROR)), 0.0
+    if excess(least) <= 0.0:
         return weights(noise, scale, 0.0)
-    low, high = np.log(LEAST_ERROR), 0.0
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(float(np.exp(middle))) > 0.0 else (low, middle)
-    return weights(noise, scale, float(np.exp(high)))
+    if excess(most) > 0.0:
+        return weights(noise, scale, 1.0)
+    error = np.exp(brentq(excess, least, most, xtol=CLOSE))
+    return weights(noise, scale, float(error))
 
 
 def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
