@@ -24,10 +24,12 @@ def press(stroke):
     down = np.sin(0.5 * np.pi * np.minimum(s / 0.5, 1.0)) ** 2
     up = 2.0 * np.clip((s - 0.7) / 0.2, 0.0, 1.0)
     pose[:, 2, 3] = EDGE - stroke * (down - up)
-    time = SECONDS * s
+    time, p_WQ = SECONDS * s, np.tile(X, (len(s), 1, 1))
+    p_WQ[:, :, 2] *= np.minimum(pose[:, 2, 3] / EDGE, 1.0)[:, None]
+    p_WQ += 1e-6 * rng.standard_normal(p_WQ.shape)
     return Recording.from_arrays(
         time,
-        np.tile(X, (len(s), 1, 1)),
+        p_WQ,
         p_reference=X,
         density=1000.0,
         gravity=np.zeros(3),
