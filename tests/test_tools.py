@@ -250,6 +250,7 @@ def test_two_bodies_push_each_other():
     [
         (lambda: Tool("t", Solid.sphere(1.0), -0.1), "coefficient of at least 0"),
         (lambda: Tool("t", Solid.sphere(1.0), "glue"), "stick, tied and bonded"),
+        (lambda: Tool("t", Solid.sphere(1.0), "tied"), "only a half-space ties, not a sphere"),
         (lambda: Solid.sphere(0.0), "positive"),
         (lambda: Solid("cone"), "choose one of"),
         (lambda: Solid.mesh(np.eye(3) * 100, [[0, 1, 2]], 1e-3), "larger spacing"),

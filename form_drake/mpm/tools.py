@@ -18,7 +18,8 @@ class Tool:
     Attributes:
         name: of the tool.
         solid: its shape, in its frame T.
-        contact: Coulomb's coefficient (0: frictionless), ``stick``, ``tied`` or ``bonded``.
+        contact: Coulomb's coefficient (0: frictionless), ``stick``, ``tied`` (a half-space) or
+            ``bonded``.
     """
 
     name: str
@@ -26,6 +27,8 @@ class Tool:
     contact: float | Literal["stick", "tied", "bonded"] = 0.0
 
     def __post_init__(self) -> None:
+        if self.contact == "tied" and self.solid.kind != "half-space":
+            raise ValueError(f"tool {self.name}: only a half-space ties, not a {self.solid.kind}")
         if self.contact in ("stick", "tied", "bonded"):
             return
         if isinstance(self.contact, str) or not 0.0 <= self.contact < np.inf:
