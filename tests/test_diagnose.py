@@ -13,6 +13,7 @@ import pytest
 
 from form_drake.__main__ import main
 from form_drake.diagnose import Cause, Model, Scenes
+from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
@@ -302,6 +303,17 @@ def test_an_effect_of_ones_own_is_predicted(files, capsys):
     heavy, light = force("plain.yaml"), force("light.yaml", *own)
     borne = 0.5 * 1000.0 * 0.02**3 * 9.81  # half of the weight hangs from the plate
     assert abs(heavy - light) == pytest.approx(0.9 * borne, rel=0.05)
+
+
+def test_what_cannot_be_simulated_is_not_named(files):
+    def breaks(scene, size, shape):
+        raise ValueError("the simulation broke down")
+
+    effect, heard = replace(CATALOGUE["force-delay"], sensor=None, world=breaks), []
+    late = read(files / "late0.h5")
+    found = diagnosis([late], LAW, effects=[effect], thresholds={}, dx=DX, progress=heard.append)
+    assert found.verdict == "unnamed" and found.naming.added == ()
+    assert "force-delay cannot be simulated: the simulation broke down" in heard
 
 
 def test_points_between_particles_follow_quadratic_motion():

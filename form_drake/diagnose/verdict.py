@@ -67,7 +67,7 @@ def named(
     thresholds: Mapping[str, float],
     progress: Callable[[str], None] = lambda text: None,
 ) -> Naming:
-    """Add effects until nothing above its threshold is left.
+    """Add effects until nothing above its threshold is left, or what is left cannot be simulated.
 
     Args:
         problem: probes and unknowns.
@@ -91,7 +91,11 @@ def named(
         progress(f"adding {best.effect.id}")
         cause = Cause(best.effect, best.effect.bounded(best.coefficient), best.shape)
         more = replace(match.model, causes=(*match.model.causes, cause))
-        match = matched(match.near(more))
+        try:
+            match = matched(match.near(more))
+        except ValueError as error:
+            progress(f"{best.effect.id} cannot be simulated: {error}")
+            break
     model = match.told
     added = model.causes[len(start.causes) :]
     verdict: Verdict = "named" if added else "none"
