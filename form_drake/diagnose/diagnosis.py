@@ -73,6 +73,8 @@ class Diagnosis:
         if self.verdict == "none":
             return "Nothing is missing: what is left is noise."
         if self.verdict == "unnamed":
+            if self.naming.failed:
+                return f"Something is missing. What comes nearest fails, {self.naming.failed}"
             tried = f" The nearest, {told}, does not explain it." if told else ""
             return f"Something is missing that is not in the catalogue.{tried}"
         if self.verdict == "ambiguous":
@@ -99,6 +101,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence(),
+            "failed": self.naming.failed or None,
             "effects": effects,
             "values": dict(self.naming.model.values),
             "without": dict(self.without.values),

@@ -50,13 +50,16 @@ class Naming:
         passes: the last one found nothing, or no more were allowed.
         model: with everything that was added, refitted.
         added: causes of the model that were not known before, one for each pass but the last.
-        verdict: ``unnamed``: something is missing that no effect explains.
+        verdict: ``unnamed``: something is missing that no effect explains, or none that can be
+            simulated.
+        failed: the effect that was found last and cannot be simulated, and why; "": there is none.
     """
 
     passes: tuple[Found, ...]
     model: Model
     added: tuple[Cause, ...]
     verdict: Verdict
+    failed: str = ""
 
 
 def named(
@@ -81,7 +84,7 @@ def named(
         ValueError: a scene cannot be simulated.
     """
     progress("simulating the twin")
-    match, passes = matched(Match.of(problem, scenes, start)), []
+    match, passes, failed = matched(Match.of(problem, scenes, start)), [], ""
     while True:
         progress("scoring effects")
         passes.append(judged(match, effects, thresholds))
@@ -94,7 +97,7 @@ def named(
         try:
             match = matched(match.near(more))
         except ValueError as error:
-            progress(f"{best.effect.id} cannot be simulated: {error}")
+            failed = f"{best.effect.id}: {error}"
             break
     model = match.told
     added = model.causes[len(start.causes) :]
@@ -103,7 +106,7 @@ def named(
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
-    return Naming(tuple(passes), model, added, verdict)
+    return Naming(tuple(passes), model, added, verdict, failed)
 
 
 def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, float]) -> Found:
