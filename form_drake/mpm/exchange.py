@@ -7,6 +7,7 @@ import numpy as np
 
 from form_drake.laws.memory import Memory
 from form_drake.material import Material
+from form_drake.mpm.layer import Layer
 from form_drake.mpm.model import Body, State
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.tools import Motions, Tool
@@ -105,6 +106,7 @@ class Scene:
             memories=memories,
             device=device,
         )
+        self._layers: dict[int, Layer] = {}
         for n, material in enumerate(materials):
             self.simulation.set_material(material.values, n)
 
@@ -117,11 +119,14 @@ class Scene:
         radius = 0.5 * np.cbrt(self.simulation.body.volume)
         tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
         knots = np.zeros((*tied.shape, 3))
+        self._layers = {}
         for n, tool in enumerate(self.tools):
             if tool.contact == "tied":
                 local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
                 tied[n] = tool.solid.distance(local) < LAYER * radius
                 knots[n] = local - radius[:, None] * np.array([0.0, 0.0, 1.0])
+                own = np.flatnonzero(tied[n])
+                self._layers[n] = Layer.of(own, local[own, :2], self.simulation.solver.dx)
         self.simulation.tools.tie(tied, knots)
 
     def start(self) -> Snapshot:
@@ -161,6 +166,10 @@ class Scene:
         simulation.advance(duration)
         force, moment = (j / duration for j in simulation.tools.impulses())
         state = simulation.state()
+        slip = state.slip.copy()
+        for n, layer in self._layers.items():
+            slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
+        state = replace(state, slip=slip)
         return Snapshot(state, force, moment, state.x + self.corner)
 
 
