@@ -41,7 +41,7 @@ TRIED = {  # size of the coefficient, and the shape
     "yield": (0.2, {"strain": 0.01}),
     "hardening": (0.2, {"strain": 0.01, "growth": 0.5}),
     "stiffening": (3e3, {}),
-    "anisotropy": (1e3, {"azimuth": 0.5, "elevation": 0.7}),
+    "anisotropy": (4e3, {"azimuth": 0.5, "elevation": 0.7}),
     "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.015, "radius": 0.007}),
     "eigenstrain": (1e-3, {}),
     "gravity-tilt": (0.05, {"azimuth": 0.4}),

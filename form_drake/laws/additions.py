@@ -10,7 +10,6 @@ import warp as wp
 from form_drake.laws.elastic import YEOH
 from form_drake.laws.flow import FLOWING, TOLD, regularised_rate, shear_rate_tensor, viscous
 from form_drake.laws.law import Constant, Law, Term
-from form_drake.laws.tensor import deviator
 
 SLOWEST, FASTEST = 1e-2, 1e2  # rates [1/s] between which rate dependence is that of a power
 SOLID = frozenset({"elastic", "plastic"})
@@ -26,11 +25,15 @@ def power_of_rate(q: Any, s: Any):
 
 @wp.func
 def fibre(q: Any, s: Any):
-    """2 (I4 - 1) dev(f f), f = J^(-1/3) F a, I4 = f . f; s = (azimuth, elevation) of a."""
+    """(I4 - 1)/2 f f, f = F a, I4 = f . f; s = (azimuth, elevation) of a.
+
+    The whole stretch counts, not its isochoric part, which would let a fibre be squeezed by pressure
+    without an answer (Helfenstein et al. 2010, Int. J. Solids Struct. 47).
+    """
     flat = wp.cos(s[1])
     a = wp.vector(flat * wp.cos(s[0]), flat * wp.sin(s[0]), wp.sin(s[1]))
-    f = wp.pow(q.J, q.F.dtype(-1.0 / 3.0)) * (q.F * a)
-    return q.F.dtype(2.0) * (wp.dot(f, f) - q.F.dtype(1.0)) * deviator(wp.outer(f, f))
+    f = q.F * a
+    return q.F.dtype(0.5) * (wp.dot(f, f) - q.F.dtype(1.0)) * wp.outer(f, f)
 
 
 def _nothing_at_rest(_: object) -> tuple[float, float]:
@@ -76,9 +79,9 @@ ANISOTROPY = Law(
         Constant("elevation", "rad", "given", excited=TOLD, signed=True),
     ),
     moduli=_nothing_at_rest,
-    equation="2 k_f (I4 - 1) dev(f f), f = J^(-1/3) F a",
+    equation="k_f/2 (I4 - 1) f f, f = F a",
     adds_to=frozenset({"elastic"}),
-    stretched=lambda v: 16.0 / 9.0 * v["k_f"],
+    stretched=lambda v: v["k_f"],
 )
 
 ADDITIONS = {law.name: law for law in (DAMPING, RATE_DEPENDENCE, STIFFENING, ANISOTROPY)}
