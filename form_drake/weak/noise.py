@@ -218,27 +218,49 @@ def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows)
     for one in bases.moments:
         if one.series.any():  # else no noise
             own = parts if one.mix is None else [one.mix.T @ p for p in parts]
-            rows = [
+            windows = [
                 _window(own, groups, chi, rate, one)
                 for chi, rate in zip(span.chi, span.rate, strict=True)
             ]
-            total += _covariance(rows, m)
+            total += _covariance(windows, one, m)
     return total
 
 
-def _covariance(rows: list[tuple[np.ndarray, int]], m: int) -> np.ndarray:
-    """Products of the rows of all windows, as of ``_window``."""
-    total = np.zeros((m * len(rows),) * 2)
-    for w, (K, first) in enumerate(rows):
-        for u, (M, start) in enumerate(rows[w:], w):
-            lo, hi = max(first, start), min(first + len(K), start + len(M))
-            if lo >= hi:
+Window = tuple[np.ndarray, np.ndarray]  # pull of the moments [looks, moments], slopes at the looks
+
+
+def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
+    """Products of the rows of all windows, as of ``_window``.
+
+    Where every moment is as large, looks are fewer than they: the moments are summed first.
+    """
+    alone = len(moments.scale) > 1
+    held = [_by_moment(w, moments.scale) if alone else _by_look(w, moments.scale) for w in windows]
+    total = np.zeros((m * len(held),) * 2)
+    sizes = [float(np.sqrt(np.max(np.sum(pull**2, axis=1)))) for pull, _ in held]
+    for w, (pull, slopes) in enumerate(held):
+        for u, (other, theirs) in enumerate(held[w:], w):
+            common = pull @ other.T
+            if np.abs(common).max() <= SMALL * sizes[w] * sizes[u]:
                 continue
-            left, right = K[lo - first : hi - first], M[lo - start : hi - start]
-            block = left.reshape(-1, m).T @ right.reshape(-1, m)
+            right = np.tensordot(common, theirs, axes=(1, 0))
+            block = slopes.reshape(-1, m).T @ right.reshape(-1, m)
             total[w * m : (w + 1) * m, u * m : (u + 1) * m] = block
             total[u * m : (u + 1) * m, w * m : (w + 1) * m] = block.T
     return total
+
+
+def _by_look(window: Window, scale: np.ndarray) -> Window:
+    """Scaled slopes of a window at its looks."""
+    pull, slopes = window
+    return pull, slopes * scale[0][:, None]
+
+
+def _by_moment(window: Window, scale: np.ndarray) -> Window:
+    """Scaled slopes of a window by moment."""
+    pull, slopes = window
+    found = np.tensordot(pull, slopes, axes=(0, 0)) * scale[:, :, None]
+    return np.eye(len(scale)), found
 
 
 def _window(
@@ -247,10 +269,10 @@ def _window(
     chi: np.ndarray,
     chi_rate: np.ndarray,
     moments: Moments,
-) -> tuple[np.ndarray, int]:
-    """Rows of a window by whitened noise, shape [moments, functions, fields], and the first moment.
+) -> Window:
+    """How the moments pull at the looks of a window, and the slopes, [looks, functions, fields].
 
-    ``parts`` are those of ``Slopes``.
+    ``parts`` are those of ``Slopes``; looks of one follow those of the other.
     """
     inside = np.flatnonzero(chi > 0)
     first, last = groups[inside[0]], groups[inside[-1]] + 1
@@ -262,13 +284,5 @@ def _window(
             (chi_rate, moments.rate),
             (chi, moments.rate),
         )
-    ]
-    size = sum(np.abs(p).sum(axis=0) for p in pulls)
-    seen = np.flatnonzero(size > SMALL * size.max())
-    start, end = int(seen[0]), int(seen[-1]) + 1
-    K = sum(
-        np.tensordot(pull[:, start:end], part[first:last], axes=(0, 0))
-        for pull, part in zip(pulls, parts, strict=False)
-    )
-    scale = moments.scale if len(moments.scale) == 1 else moments.scale[start:end]
-    return np.asarray(K * scale[:, :, None]), start
+    ][: len(parts)]
+    return np.concatenate(pulls), np.concatenate([part[first:last] for part in parts])
