@@ -10,7 +10,9 @@ import pytest
 from form_drake.__main__ import main
 from form_drake.bench import blind
 from form_drake.bench.blind_score import digest, score, wilson
+from form_drake.bench.blind_sizes import SIZES, compared
 from form_drake.bench.oracles import recorded
+from form_drake.effects import CATALOGUE
 
 ORACLES = Path(__file__).parent / "oracles"
 
@@ -61,7 +63,9 @@ def test_noise_is_in_the_files_and_stated(tmp_path):
 
 
 def effect(name, *alike):
-    return {"name": name, "class": [name, *alike]}
+    one = {"name": name, "class": [name, *alike], "coefficient": 0.0, "std": 1e-9}
+    where = {key: 0.01 for key in ("x", "y", "z", "radius", "strain", "azimuth", "elevation")}
+    return {**one, "where": where}
 
 
 GAP = {"before": 2.0, "after": 0.5, "closure": 0.9}
@@ -116,6 +120,41 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     words = ["bench", "blind", "--seal", str(seal), "--score", str(out), "--key", str(key)]
     assert main(words) in (None, 0)
     assert "right class, strong singles" in capsys.readouterr().out
+
+
+BODY = {"E": 30e3, "nu": 0.5}
+SIZED = [  # effect, its truth, what is named, relative error
+    ("drag", {"c": 20.0}, {"coefficient": 21.0, "std": 1.0}, 0.05),
+    ("force-bias", {"bias": 0.2}, {"coefficient": -0.2, "std": 0.1, "where": {"azimuth": 0.0, "elevation": 0.1}}, 0.0),
+    ("floor-slip", {"shear": 2e7}, {"coefficient": 1e-7, "std": 1e-9}, 1.0),
+    ("floor-slip", {"friction": 0.2}, {"coefficient": 1e-7, "std": 1e-9}, None),
+    # |s| = mu |dev b| = 2 mu |dev e| = 2/3 E |dev e|
+    ("yield", {"tau_y": 200.0}, {"coefficient": 0.9, "std": 0.1, "where": {"strain": 0.011}, "spread": {"strain": 1e-3}}, 0.1),
+    # |D| = 3 1/s gives eta_n / 3^(1/2); gamma is sqrt(2) |D|
+    ("rate-dependence", {"eta_n": 10.0, "n": 0.5}, {"coefficient": 10.0 * 2.0**0.25, "std": 0.1}, 0.0),
+    ("inclusion", {"factor": 3.0, "radius": 5e-3, "centre": [0.0, 0.0, 0.01]}, {"coefficient": 0.25, "std": 0.0, "where": {"x": 3e-3, "y": 4e-3, "z": 0.01, "radius": 10e-3}}, 0.0),
+    ("anisotropy", {"k_f": 400.0}, {"coefficient": 396.0, "std": 8.0}, -0.01),
+]  # fmt: skip
+
+
+def test_sizes_are_compared_in_the_units_of_the_catalogue():
+    results, truth, wanted = [], {}, {}
+    for n, (name, told, named, error) in enumerate(SIZED):
+        truth[str(n)] = {"kind": "single", "effects": {name: told}, "body": BODY}
+        results.append({"id": str(n), "effects": [{"name": name, "where": {}, **named}]})
+        wanted.setdefault(name, []).extend([] if error is None else [error])
+    results.append(
+        {"id": "0", "effects": [{"name": "density"}]}
+    )  # wrongly named: no size to compare
+    made = compared(results, truth)
+    assert made["errors"] == {k: pytest.approx(v, abs=1e-9) for k, v in wanted.items()}
+    assert (made["within"], made["of"]) == (5, 6)
+    assert made["centres"] == [pytest.approx(5e-3)]
+    assert made["fine"] == pytest.approx(0.01) and made["rough"] == pytest.approx(0.5)
+
+
+def test_every_effect_has_a_size_to_compare():
+    assert set(SIZES) == set(CATALOGUE)
 
 
 def test_intervals_of_rates():

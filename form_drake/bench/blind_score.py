@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.bench.blind import sealed, verdicts
+from form_drake.bench.blind_sizes import compared
 from form_drake.files import read_mapping
 
 SAME = ({"force-gain", "density"}, {"yield", "hardening"})  # one column, or one class by the issue
@@ -101,6 +102,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         **head,
         "rates": rates,
         "confusions": _confusions(results, truth),
+        "sizes": compared(results, truth),
         "gap": _gaps(results, truth),
         "nulls": _nulls(results, truth),
         "seconds": float(np.median([one["seconds"] for one in results])) if results else None,
@@ -154,6 +156,14 @@ def table(result: Mapping[str, Any]) -> str:
     for name, rate in result["rates"].items():
         low, high = (100.0 * x for x in rate["interval"])
         lines.append(f"{name:44} {rate['hits']:3d} of {rate['of']:3d}   {low:3.0f}-{high:3.0f} %")
+    sizes = result["sizes"]
+    for group, told in ("fine", "sizes"), ("rough", "friction, slip, point masses, inclusions"):
+        if sizes[group] is not None:
+            lines.append(f"{'median error, ' + told:44} {100.0 * sizes[group]:.1f} %")
+    lines.append(f"{'truth within the 90 % interval':44} {sizes['within']:3d} of {sizes['of']:3d}")
+    if sizes["centres"]:
+        middle = 1e3 * float(np.median(sizes["centres"]))
+        lines.append(f"{'centre of inclusions, median':44} {middle:.1f} mm")
     lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
     lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
     return "\n".join(lines)

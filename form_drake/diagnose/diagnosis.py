@@ -95,6 +95,7 @@ class Diagnosis:
                     "std": cause.std,
                     "unit": cause.effect.unit,
                     "where": dict(cause.shape),
+                    "spread": dict(cause.spread),
                     "onset": {one.name: one.onset for one in self.ledgers[n]},
                 }
             )

@@ -1,0 +1,114 @@
+"""Sizes of hidden effects beside those that were found, in the units of the catalogue.
+
+The independent code has units of its own: each row below is one of its effects as the catalogue has it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Truth = Mapping[str, Any]
+Size = Callable[[Mapping[str, Any], Truth], float | None]
+ROUGH = (
+    "tool-friction",
+    "floor-slip",
+    "added-mass",
+    "inclusion",
+)  # a fifth is wanted, else a twentieth
+COVERED = 1.645  # standard deviations of a 90 % interval
+
+
+def _of(key: str) -> Size:
+    return lambda told, body: float(told[key])
+
+
+def _slip(told: Mapping[str, Any], body: Truth) -> float | None:
+    return 1.0 / told["shear"] if "shear" in told else None
+
+
+def _rate(told: Mapping[str, Any], body: Truth) -> float:
+    """Its rate is |D|, that of the catalogue sqrt(2) |D|."""
+    return float(told["eta_n"] * 2.0 ** (0.5 * (1.0 - told["n"])))
+
+
+def _yielding(told: Mapping[str, Any], body: Truth) -> float:
+    """The strain |dev e| at which |s| = tau_y."""
+    return float(told["tau_y"] * (1.0 + body["nu"]) / body["E"])
+
+
+SIZES: dict[str, Size] = {
+    "damping": _of("eta"),
+    "relaxation": _of("g"),
+    "yield": _yielding,
+    "hardening": _yielding,
+    "stiffening": _of("C2"),
+    "rate-dependence": _rate,
+    "anisotropy": _of("k_f"),
+    "inclusion": lambda told, body: (told["factor"] - 1.0) * told["radius"] ** 3,
+    "eigenstrain": _of("swelling"),
+    "gravity-tilt": _of("angle"),
+    "density": _of("excess"),
+    "added-mass": _of("mass"),
+    "drag": _of("c"),
+    "tool-friction": _of("friction"),
+    "adhesion": _of("strength"),
+    "floor-slip": _slip,
+    "force-gain": _of("gain"),
+    "force-bias": _of("bias"),
+    "force-drift": _of("rate"),
+    "force-delay": _of("delay"),
+    "camera-scale": _of("scale"),
+    "camera-pose": _of("angle"),
+}
+
+
+def found(named: Mapping[str, Any]) -> tuple[float, float]:
+    """Size of what was named, and its standard deviation; signs of directed effects are their direction's."""
+    size, std, where = named["coefficient"], named["std"], named["where"]
+    if named["name"] in ("yield", "hardening"):
+        return where["strain"], named.get("spread", {}).get("strain", np.nan)
+    if named["name"] == "inclusion":
+        return size * where["radius"] ** 3, np.nan
+    return (abs(size) if {"azimuth", "elevation"} & set(where) else size), std
+
+
+def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """Errors of sizes of strong singles that were named by their own name, by effect.
+
+    ``errors`` are relative; ``within`` counts truths within the 90 % interval; ``centre`` are
+    distances of inclusions from where they are [m].
+    """
+    errors: dict[str, list[float]] = {}
+    centres, inside, counted = list[float](), 0, 0
+    for one in results:
+        told = truth[one["id"]]
+        named = one.get("effects") or []
+        if told["kind"] != "single" or not named or named[0]["name"] not in told["effects"]:
+            continue
+        name = named[0]["name"]
+        own = told["effects"][name]
+        wanted, (size, std) = SIZES[name](own, told["body"]), found(named[0])
+        if wanted is None:
+            continue
+        errors.setdefault(name, []).append(size / wanted - 1.0)
+        if name == "inclusion":
+            place = np.array([named[0]["where"][k] for k in "xyz"])
+            centres.append(float(np.linalg.norm(place - own["centre"])))
+        if np.isfinite(std):
+            counted += 1
+            inside += abs(size - wanted) <= COVERED * std
+    return {
+        "errors": errors,
+        "within": inside,
+        "of": counted,
+        "centres": centres,
+        **_medians(errors),
+    }
+
+
+def _medians(errors: Mapping[str, Sequence[float]]) -> dict[str, float | None]:
+    groups = {"rough": [], "fine": []}  # type: dict[str, list[float]]
+    for name, values in errors.items():
+        groups["rough" if name in ROUGH else "fine"] += np.abs(values).tolist()
+    return {k: float(np.median(v)) if v else None for k, v in groups.items()}
