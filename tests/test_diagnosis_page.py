@@ -154,7 +154,7 @@ def found(best, ranked, alike=(), rivals=(), forces=({"plate": None}, {})):
     }
     probes = tuple(SimpleNamespace(forces=f) for f in forces)
     match = SimpleNamespace(problem=SimpleNamespace(probes=probes))
-    return Found(match, tuple(scores.values()), scores.get(best), alike, rivals)
+    return Found(match, tuple(scores.values()), best=scores.get(best), alike=alike, rivals=rivals)
 
 
 LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}

@@ -24,7 +24,9 @@ from form_drake.weak.solve import TINY, Weights, weights
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
 ALONE = 0.3  # of that, from one window to the next
-STEP = 0.2  # of the width of a shape parameter, in differences
+OTHER = 0.03  # of the rows, from which their noise is taken anew
+AWAY = 1.0  # standard deviations that what the grid has wrong may have changed by
+SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,9 @@ class Match:
         by: inverse covariance of the rows of the data.
         model: that the twin was simulated with.
         scenes: of the recordings.
-        grid: what the twin has wrong, in rows of b - A theta, shape [rows].
-        here: whether ``grid`` was found with this model.
+        grid: what the twin has wrong, in rows of b - A theta, shape [rows]; None: it is not known.
+        began: ``apart`` where the model was when ``grid`` and the noise were found.
+        sites: what effects that are simulated at places change there, by id and place; found once.
     """
 
     problem: Problem
@@ -46,29 +49,57 @@ class Match:
     by: Weights
     model: Model
     scenes: Scenes
-    grid: np.ndarray = field(repr=False)
-    here: bool = True
+    grid: np.ndarray | None = field(default=None, repr=False)
+    began: np.ndarray | None = field(default=None, repr=False)
+    sites: dict[tuple[str, tuple[int, ...]], np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
-        """Simulate on two grids, read, and weigh."""
-        twin = _twin(problem, scenes.rough, model)
-        finer = _twin(problem, scenes, model) if scenes.coarser > 1.0 else twin
+        """Simulate on the coarser grid, read, and weigh."""
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
-        noise = problem.noise(*problem.coordinates(model.values))
-        noise = [
-            n + layer_error(p, dx) for n, p, dx in zip(noise, twin.probes, scenes.dx, strict=True)
-        ]
-        by = weights(noise, np.ones(sum(map(len, noise))), 0.0)
-        eta, theta = twin.coordinates(model.values)
-        one, other = (_rest(p.rows(eta, theta), theta) for p in (finer, twin))
-        return cls(problem, twin, by, model, scenes, one - other)
+        twin = _twin(problem, scenes.rough, model)
+        by = _weighed(problem, twin, scenes, model)
+        found = cls(problem, twin, by, model, scenes)
+        none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
+        return replace(found, grid=none, began=found.apart)
 
     def near(self, model: Model) -> "Match":
         """That of a model which is not far, by one coarse simulation."""
-        twin = _twin(self.problem, self.scenes.rough, model)
-        return replace(self, twin=twin, model=model, here=False)
+        return replace(self, twin=_twin(self.problem, self.scenes.rough, model), model=model)
+
+    def anchored(self) -> "Match":
+        """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another."""
+        finer = _twin(self.problem, self.scenes, self.model)
+        eta, theta = self.twin.coordinates(self.model.values)
+        one, other = (_rest(p.rows(eta, theta), theta) for p in (finer, self.twin))
+        found = replace(self, grid=one - other)
+        if self._moved > OTHER:
+            found = replace(found, by=_weighed(self.problem, self.twin, self.scenes, self.model))
+        return replace(found, began=found.apart)
+
+    @cached_property
+    def here(self) -> bool:
+        """Whether what the grid has wrong is known for this model, or for one near it.
+
+        It is taken to change by as much of itself as the rows do.
+        """
+        if self.grid is None:
+            return False
+        return self._moved * float(np.linalg.norm(self.by.white(self.grid))) < AWAY
+
+    @property
+    def _moved(self) -> float:
+        """How much of the rows has changed since what the grid has wrong was found."""
+        if self.began is None:
+            return 0.0
+        return float(np.linalg.norm(self.by.white(self.apart - self.began)) / self.size)
+
+    @cached_property
+    def size(self) -> float:
+        """Of the stress integrals, in standard deviations."""
+        eta, theta = self.twin.coordinates(self.model.values)
+        return float(np.linalg.norm(self.by.white(self.twin.rows(eta, theta)[0] @ theta)))
 
     @cached_property
     def readings(self) -> tuple[ProbeReading, ...]:
@@ -83,34 +114,55 @@ class Match:
         return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
 
     def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
-        if effect.column is None:
+        key = effect.id, tuple(shape.items())
+        if key not in self._known:
+            self._known[key] = self._made(effect, shape)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[object, ...], np.ndarray]:
+        return {}
+
+    def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
+        if effect.trial and "radius" in effect.shapes:
+            return self._between(effect, shape)
+        if effect.trial:
             return self._changed(effect, shape)
+        assert effect.column is not None
         return np.concatenate([effect.column(reading, shape) for reading in self.readings])
+
+    def _between(self, effect: Effect, shape: Shape) -> np.ndarray:
+        """By simulations with the effect at eight places: what it changes goes evenly from one to the next."""
+        body = self.problem.probes[0].body
+        low, size = body.low, body.high - body.low
+        found = np.zeros(sum(int(p.keep.sum()) for p in self.problem.probes))
+        at = (np.array([shape[k] for k in "xyz"]) - low - SITES[0] * size) / size
+        part = at / (SITES[1] - SITES[0])
+        for corner in np.ndindex(2, 2, 2):
+            place = low + size * np.take(SITES, corner)
+            if (effect.id, corner) not in self.sites:
+                there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
+                self.sites[effect.id, corner] = self._changed(effect, there)
+            share = float(np.prod(np.where(corner, part, 1.0 - part)))
+            found += share * self.sites[effect.id, corner]
+        return found
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
-        key = effect.id, tuple(shape.items())
-        if key not in self._simulated:
-            probes = self.problem.probes
-            meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
-            scenes = self.scenes.only(meant).rough
-            one, other = (
-                replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
-                for p in (self.twin, self.problem)
-            )
-            other = _twin(other, scenes, self.model.more(effect, effect.trial, shape))
-            eta, theta = self.twin.coordinates(self.model.values)
-            change = _rest(other.rows(eta, theta), theta) - _rest(one.rows(eta, theta), theta)
-            lengths = [int(p.keep.sum()) for p in probes]
-            rows = np.repeat(np.isin(np.arange(len(probes)), meant), lengths)
-            found = np.zeros(len(rows))
-            found[rows] = change / effect.trial
-            self._simulated[key] = found
-        return self._simulated[key]
-
-    @cached_property
-    def _simulated(self) -> dict[tuple[object, ...], np.ndarray]:
-        return {}
+        probes = self.problem.probes
+        meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
+        scenes = self.scenes.only(meant).rough
+        one, other = (
+            replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
+            for p in (self.twin, self.problem)
+        )
+        other = _twin(other, scenes, self.model.more(effect, effect.trial, shape))
+        eta, theta = self.twin.coordinates(self.model.values)
+        change = _rest(other.rows(eta, theta), theta) - _rest(one.rows(eta, theta), theta)
+        lengths = [int(p.keep.sum()) for p in probes]
+        found = np.zeros(sum(lengths))
+        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
+        return found
 
     @cached_property
     def explained(self) -> np.ndarray:
@@ -125,7 +177,7 @@ class Match:
 
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
-        effect, steps = cause.effect, STEP * cause.widths
+        effect, steps = cause.effect, cause.steps
         shapes = [cause.shape]
         for key, step in zip(effect.shapes, steps, strict=True):
             shapes += [{**cause.shape, key: cause.shape[key] + s * step} for s in (-1.0, 1.0)]
@@ -155,7 +207,8 @@ class Match:
             if len(both) == 2:
                 shift += np.mean(both, axis=0) - still
                 count += 1
-        return np.asarray(data - own - self.grid - shift / max(count, 1))
+        grid = 0.0 if self.grid is None else self.grid
+        return np.asarray(data - own - grid - shift / max(count, 1))
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -183,7 +236,8 @@ class Match:
         """Of the unknowns."""
         length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
         inverse = np.linalg.pinv(self.explained / length)
-        return np.asarray(np.linalg.norm(inverse, axis=1) / length)
+        seen = np.linalg.norm(self.explained, axis=0) > TINY
+        return np.where(seen, np.linalg.norm(inverse, axis=1) / length, np.inf)
 
     @property
     def told(self) -> Model:
@@ -214,6 +268,14 @@ def layer_error(probe: Probe, dx: float) -> np.ndarray:
         for own in rows.T:
             total[np.ix_(own, own)] = np.outer(error, error) + ALONE**2 * np.diag(error**2)
     return total[np.ix_(probe.keep, probe.keep)]
+
+
+def _weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
+    """Inverse covariance of noise, and of what simulations have wrong at held faces."""
+    noise = problem.noise(*problem.coordinates(model.values))
+    pairs = zip(noise, twin.probes, scenes.dx, strict=True)
+    noise = [n + layer_error(p, dx) for n, p, dx in pairs]
+    return weights(noise, np.ones(sum(map(len, noise))), 0.0)
 
 
 def _twin(problem: Problem, scenes: Scenes, model: Model) -> Problem:

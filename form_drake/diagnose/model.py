@@ -1,6 +1,6 @@
 """What is believed of a specimen, and the recordings that it would give."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from form_drake.motion import body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording
 
+STEP = 0.2  # of the width of a shape parameter, in differences
 CELLS = 8  # of the grid along the least edge of a body
 
 
@@ -42,6 +43,13 @@ class Cause:
     def widths(self) -> np.ndarray:
         """How far the shape parameters are known, shape [parameters]."""
         return np.array([self.effect.width(self.shape, k) for k in self.effect.shapes])
+
+    @property
+    def steps(self) -> np.ndarray:
+        """By how much shape parameters go either way in differences; sizes stay positive."""
+        keys = self.effect.shapes
+        sizes = [abs(self.shape[k]) if self.effect.positive(k) else np.inf for k in keys]
+        return np.minimum(STEP * self.widths, 0.5 * np.array(sizes))
 
     def within(self, change: np.ndarray) -> np.ndarray:
         """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
@@ -102,14 +110,25 @@ class Model:
         return Material(law, values, density, effects=tuple(beside))
 
     def more(self, effect: Effect, size: float, shape: Shape) -> "Model":
-        """With an effect that acts more by a coefficient, or begins to."""
-        if all(c.effect is not effect for c in self.causes):
-            return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
-        causes = tuple(
-            replace(c, coefficient=c.coefficient + size, shape=shape) if c.effect is effect else c
-            for c in self.causes
-        )
-        return replace(self, causes=causes)
+        """With one more effect, or more of one."""
+        return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
+
+
+def firm(
+    law: Law, values: Values, known: Collection[str] = (), share: float = 2.0 / 3.0
+) -> dict[str, float]:
+    """Values whose bulk modulus is ``share`` of the shear modulus at least; Poisson's ratio is then positive.
+
+    A law that lacks an effect may come nearest to data with a body that widens as it is pulled,
+    about which no other effect is judged rightly.
+    """
+    found, (K, G) = dict(values), law.moduli(values)
+    for term in law.terms:
+        bulk, shear = law.moduli({k: float(k == term.key) for k in values})
+        if bulk > 0.0 == shear and term.key not in known and K < share * G:
+            found[term.key] += (share * G - K) / bulk
+            break
+    return found
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,9 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
             page.paragraph(f"These recordings cannot tell it from {', '.join(one.alike)}.")
         if one.rivals:
             page.paragraph(f"Nearly as good: {', '.join(one.rivals)}.")
+        if one.refused:
+            told = f"{', '.join(one.refused)}: simulated, it explains no more than noise would."
+            page.paragraph(told)
         page.figure(ranking(one.ranked, thresholds, LEAST), "How much each effect explains.")
         page.figure(where(one.match), "What is left of every test field.")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Model, Scenes, firm
 from form_drake.identify.problem import Problem
 from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
@@ -21,6 +21,9 @@ from form_drake.weak.windows import even
 
 WINDOW = 0.2  # [s]
 STRIDE = 0.5  # of windows, as a share of their width
+FIRM = 2.0 / 3.0  # bulk modulus by shear modulus, below which the first model is believed no more
+UNKNOWN = 8.0 / 3.0  # which is taken then: Poisson's ratio is a third
+APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
 CLEAR = 1.0  # of the grid spacing, kept from held faces
 
@@ -41,12 +44,12 @@ def fields(recording: Recording, dx: float) -> list[Fields]:
     return [tests, *(f for f in beside if f is not None)]
 
 
-def probe(recording: Recording, name: str, dx: float) -> Probe:
+def probe(recording: Recording, name: str, dx: float, stride: float = STRIDE) -> Probe:
     """A recording read with these fields; no symmetry is taken, since an effect may break it."""
     shape = body(recording)
     last = float(recording.time[-1] - recording.time[0])
     width = min(WINDOW, last)
-    ends = even(0.0, last, width, STRIDE * width)
+    ends = even(0.0, last, width, stride * width)
     fit = fit_tracks(recording, shape, symmetric=False)
     made = prepared(recording, name, fields(recording, dx), ends, shape, fit)
     return replace(made, keep=made.keep & seeing(made.fields, made.windows))
@@ -60,12 +63,20 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
             balance needs.
     """
     require_given(law.name, [k for k in law.constants("given") if k not in known])
-    pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
-    probes = [probe(recording, f"probe {n}", dx) for n, (recording, dx) in pairs]
-    problem = Problem.of(probes, Unknowns.of(law, known, "law"), "borne")
-    balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in probes]
-    found = weighing(replace(problem, probes=tuple(balance)))
+    unknowns = Unknowns.of(law, known, "law")
+    problem, few = (
+        Problem.of(_probes(scenes, stride), unknowns, "borne") for stride in (STRIDE, APART)
+    )
+    balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]
+    found = weighing(replace(few, probes=tuple(balance)))
     theta = problem.unknowns.theta(found.solution.theta)
     values = {**known, **problem.values(found.eta)}
     terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}
-    return problem, Model(law, {**values, **terms})
+    values = {**values, **terms}
+    K, G = law.moduli(values)
+    return problem, Model(law, firm(law, values, known, UNKNOWN) if K < FIRM * G else values)
+
+
+def _probes(scenes: Scenes, stride: float) -> list[Probe]:
+    pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
+    return [probe(recording, f"probe {n}", dx, stride) for n, (recording, dx) in pairs]

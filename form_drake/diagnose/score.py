@@ -73,25 +73,28 @@ def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
 
 def scored(match: Match, effect: Effect, tried: Sequence[Shape]) -> Score:
     """One effect at the best of some shapes."""
-    return _best(effect, tried, match.off(match.columns(effect, tried)), match.left)
+    return ranked(match, effect, tried)[0]
+
+
+def ranked(match: Match, effect: Effect, tried: Sequence[Shape]) -> list[Score]:
+    """One effect at some shapes, best first."""
+    columns = match.off(match.columns(effect, tried))
+    length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    unit = columns / length
+    wanted = unit.T @ match.left
+    least = effect.least if effect.signed else 0.0
+    taken = np.clip(wanted, least * length, effect.most * length)
+    gain = np.maximum(taken * (2.0 * wanted - taken) - 2.0 * np.log(len(tried)), 0.0)
+    every = [
+        Score(effect, shape, float(c), float(std), float(g), DETECTED * float(std), u)
+        for shape, c, std, g, u in zip(
+            tried, taken / length, 1.0 / length, gain, unit.T, strict=True
+        )
+    ]
+    return sorted(every, key=lambda one: -one.score)
 
 
 def coherence(found: Sequence[Score]) -> np.ndarray:
     """How alike the columns of effects are, from 0 to 1, shape [effects, effects]."""
     columns = np.stack([s.column for s in found], axis=1)
     return np.abs(columns.T @ columns)
-
-
-def _best(effect: Effect, tried: Sequence[Shape], columns: np.ndarray, left: np.ndarray) -> Score:
-    length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
-    unit = columns / length
-    wanted = unit.T @ left
-    least = effect.least if effect.signed else 0.0
-    taken = np.clip(wanted, least * length, effect.most * length)
-    gain = taken * (2.0 * wanted - taken)
-    n = int(np.argmax(gain))
-    size = float(length[n])
-    score = max(float(gain[n]) - 2.0 * np.log(len(tried)), 0.0)
-    return Score(
-        effect, tried[n], float(taken[n]) / size, 1.0 / size, score, DETECTED / size, unit[:, n]
-    )

@@ -11,16 +11,20 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.model import Model
+from form_drake.diagnose.model import Model, firm
 from form_drake.weak.solve import TINY
 
 PASSES = 12  # coarse simulations, at most
 FINE = 4  # simulations on the finer grid, at most
+NEAR = 0.03  # of the rows, from where what the grid has wrong is found
 SETTLED = 0.5  # standard deviations that are no change
 SAME = 0.5  # of a whitened gap's square that is left to gain, which is not worth a simulation
+GAINED, IDLE = 0.003, 2  # of it, that a step must gain; steps that may gain less in a row
+AMISS = 0.05  # the same, of what exceeds one for each row: the model is another
 NOISE = 10.0  # of a whitened gap's square, by which a step may miss it through noise alone
 WORSE = 1.05  # times the gap's square before, from which a step is taken back
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
+SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
 FIRST, LARGER = 0.03, 10.0  # damping of a step that went too far, and by how much it grows
 
 
@@ -32,11 +36,13 @@ class Search:
         match: the nearest twin so far.
         mended: what to add to its columns, shape [rows, unknowns].
         damping: of the next step.
+        idle: steps in a row that have gained next to nothing.
     """
 
     match: Match
     mended: np.ndarray
     damping: float = 0.0
+    idle: int = 0
 
     @classmethod
     def of(cls, match: Match) -> "Search":
@@ -60,7 +66,9 @@ class Search:
         own, *causes = np.split(self._wanted(damping, columns), self.match.parts)
         phi = self._phi
         least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
-        own[: len(phi)] = np.clip(own[: len(phi)], least * np.abs(phi), most * np.abs(phi))
+        largest = SMALL * float(np.abs(phi).max(initial=0.0))
+        highest = most * np.maximum(np.abs(phi), largest)
+        own[: len(phi)] = np.clip(own[: len(phi)], least * np.abs(phi), highest)
         own[len(phi) :] = np.clip(own[len(phi) :], -MOST, MOST)
         moves = [c.within(d) for c, d in zip(self.match.model.causes, causes, strict=True)]
         return np.concatenate([own, *moves])
@@ -74,13 +82,23 @@ class Search:
     def settled(self) -> bool:
         """Whether a step would change no unknown, or gain nothing.
 
-        By the twin's own columns: what steps teach has the noise of the data in it, whose product
+        While the grid's error is not known: whether it would change little. By the twin's own columns: what steps teach has the noise of the data in it, whose product
         with itself does not vanish on average.
         """
         columns = self.match.explained
+        if self.match.grid is None:
+            step = columns @ self._change(0.0, columns)
+            return bool(np.linalg.norm(step) < NEAR * self.match.size)
         gain = np.sum((columns @ self._wanted(0.0, columns)) ** 2)
         small = np.abs(self._change(0.0, columns)) < SETTLED * self.match.std
-        return bool(gain < SAME or small.all())
+        return bool(self.idle == IDLE or gain < SAME or small.all())
+
+    @property
+    def _worth(self) -> float:
+        """What a step must take of the gap's square: more where it is far above one for each row."""
+        gap = self.match.gap
+        square = float(gap @ gap)
+        return max(SAME, GAINED * square, AMISS * (square - len(gap)))
 
     def model(self, change: np.ndarray) -> Model:
         """After a change of the unknowns."""
@@ -92,6 +110,7 @@ class Search:
         theta = unknowns.theta(phi)
         values = {**model.values, **match.problem.values(eta)}
         values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
+        values = firm(unknowns.law, values, unknowns.known)
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
         return replace(model, values=values, causes=tuple(moved))
 
@@ -113,29 +132,32 @@ class Search:
             missed = match.apart - after.apart - (match.slopes + self.mended) @ change
             taught = self.mended + np.outer(missed, weight) / (weight @ change)
         before = float(np.sum(match.gap**2))
+        idle = self.idle + 1 if reached > before - self._worth else 0
         if reached > max(WORSE * before, before + 2.0 * SAME):
-            return replace(self, mended=taught, damping=damped)
+            return replace(self, mended=taught, damping=damped, idle=idle)
         less = self.damping / LARGER
         damping = less if less > FIRST / LARGER else 0.0
-        return replace(self, match=after, mended=taught, damping=damping)
+        return replace(self, match=after, mended=taught, damping=damping, idle=idle)
 
     def anchored(self) -> "Search":
         """The same place, with what the grid has wrong there."""
-        match = self.match
-        return replace(self, match=Match.of(match.problem, match.scenes, match.model))
+        return replace(self, match=self.match.anchored(), idle=0)
 
 
-def matched(start: Match, progress: Callable[[Search], None] = lambda search: None) -> Match:
+def matched(
+    start: Match | Search, progress: Callable[[Search], None] = lambda search: None
+) -> Match:
     """The twin nearest to the data.
 
     Args:
-        start: one of the same data.
+        start: one of the same data, or a search that has begun.
         progress: hears where the search is.
 
     Raises:
         ValueError: the scenes cannot be simulated.
     """
-    search, passes, fine = Search.of(start), 1, int(start.here)
+    search = start if isinstance(start, Search) else Search.of(start)
+    passes, fine = 1, 0
     while True:
         progress(search)
         done = search.settled or passes == PASSES

@@ -5,20 +5,18 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize
 
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, Scenes
-from form_drake.diagnose.score import Score, coherence, scored, scores
+from form_drake.diagnose.race import MARGIN, Runner, raced
+from form_drake.diagnose.score import Score, coherence, scores
 from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
 from form_drake.identify.problem import Problem
 
 MOST = 3  # effects
 ALIKE = 0.9  # coherence from which two columns are one class
-MARGIN = 10.0  # of scores, within which effects of other classes make an answer ambiguous
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
-REFINED = 60  # columns that are tried while a shape is refined
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
 
@@ -30,16 +28,25 @@ class Found:
     Attributes:
         match: before it was added.
         ranked: all scores, best first.
-        best: that which is added; None: none is above its threshold.
+        seen: those above their thresholds.
+        best: that which is added; None: none is.
         alike: ids of effects whose columns are of one class with it.
-        rivals: ids of effects of other classes that explain nearly as much.
+        rivals: ids of effects of other classes whose simulations come as near.
+        refused: ids of effects above their thresholds whose simulations explain too little.
     """
 
     match: Match
     ranked: tuple[Score, ...]
-    best: Score | None
+    seen: tuple[Score, ...] = ()
+    best: Score | None = None
     alike: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+
+    @property
+    def left(self) -> float:
+        """Square of what law and causes leave of the gap."""
+        return float(np.sum(self.match.left**2))
 
 
 @dataclass(frozen=True)
@@ -84,21 +91,18 @@ def named(
         ValueError: a scene cannot be simulated.
     """
     progress("simulating the twin")
-    match, passes, failed = matched(Match.of(problem, scenes, start)), [], ""
+    match, passes, failed = matched(Match.of(problem, scenes, start)), list[Found](), ""
     while True:
         progress("scoring effects")
-        passes.append(judged(match, effects, thresholds))
-        best = passes[-1].best
-        if best is None or len(passes) > MOST:
-            break
-        progress(f"adding {best.effect.id}")
-        cause = Cause(best.effect, best.effect.bounded(best.coefficient), best.shape)
-        more = replace(match.model, causes=(*match.model.causes, cause))
+        found = judged(match, effects, thresholds)
         try:
-            match = matched(match.near(more))
+            found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:
-            failed = f"{best.effect.id}: {error}"
+            found, after, failed = replace(found, best=found.seen[0]), None, str(error)
+        passes.append(found)
+        if after is None:
             break
+        match = after
     model = match.told
     added = model.causes[len(start.causes) :]
     verdict: Verdict = "named" if added else "none"
@@ -110,44 +114,56 @@ def named(
 
 
 def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, float]) -> Found:
-    """The effect that explains most of what is left, among those above their thresholds."""
+    """Scores of what is not known yet, and which of them are above their thresholds."""
     known = {c.effect.id for c in match.model.causes}
     ranked = scores(match, [e for e in effects if e.id not in known])
-    seen = [s for s in ranked if s.score > max(thresholds.get(s.effect.id, 0.0), LEAST)]
-    if not seen:
-        return Found(match, tuple(ranked), None)
-    best = refined(match, seen[0])
-    like = coherence([best, *seen[1:]])[0, 1:]
-    alike = tuple(s.effect.id for s, c in zip(seen[1:], like, strict=True) if c > ALIKE)
-    near = tuple(
-        s.effect.id
-        for s, c in zip(seen[1:], like, strict=True)
-        if c <= ALIKE and s.score > best.score - MARGIN
+    seen = [s for s in ranked if s.score > _wanted(s.effect, thresholds)]
+    return Found(match, tuple(ranked), tuple(seen))
+
+
+def _wanted(effect: Effect, thresholds: Mapping[str, float]) -> float:
+    return max(thresholds.get(effect.id, 0.0), LEAST)
+
+
+def _added(
+    found: Found,
+    thresholds: Mapping[str, float],
+    progress: Callable[[str], None],
+    *,
+    last: bool,
+) -> tuple[Found, Match | None]:
+    """What is added, and the twin with it; None: nothing, or there have been enough.
+
+    Raises:
+        ValueError: the effect that comes nearest cannot be simulated.
+    """
+    if not found.seen:
+        return found, None
+    if last:
+        return replace(found, best=found.seen[0]), None
+    runners, refused = raced(found.match, found.seen, progress), list[str]()
+    for runner in runners:
+        effect, after = runner.score.effect, None
+        if found.left - runner.left > _wanted(effect, thresholds):
+            progress(f"adding {effect.id}")
+            after = runner.matched()
+        if after is not None and found.left - np.sum(after.left**2) > _wanted(effect, thresholds):
+            return _judged(found, runner, runners, refused), after
+        refused.append(effect.id)
+    return replace(found, refused=tuple(refused)), None
+
+
+def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:
+    """With what is alike and what does as well."""
+    others = [s for s in found.seen if s.effect is not best.score.effect]
+    like = coherence([best.score, *others])[0, 1:]
+    alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
+    rivals = [
+        r.score.effect.id
+        for r in runners
+        if r is not best and r.apart < best.apart + MARGIN and r.score.effect.id not in refused
+    ]
+    rivals = [name for name in rivals if name not in alike]
+    return replace(
+        found, best=best.score, alike=tuple(alike), rivals=tuple(rivals), refused=tuple(refused)
     )
-    return Found(match, tuple(ranked), best, alike, near)
-
-
-def refined(match: Match, score: Score) -> Score:
-    """The score at the best shape near the best of a grid."""
-    free = list(score.effect.shapes)
-    if not free:
-        return score
-    start = np.array([score.shape[k] for k in free])
-    widths = np.array([score.effect.width(score.shape, k) for k in free])
-
-    def tried(z: np.ndarray) -> Score:
-        shape = {**score.shape, **dict(zip(free, (start + z * widths).tolist(), strict=True))}
-        return scored(match, score.effect, [shape])
-
-    found = minimize(
-        lambda z: -tried(z).score,
-        np.zeros(len(free)),
-        method="Nelder-Mead",
-        options={"maxfev": REFINED, "initial_simplex": _simplex(len(free)), "xatol": 0.02},
-    )
-    best = tried(found.x)
-    return best if best.score > score.score else score
-
-
-def _simplex(n: int) -> np.ndarray:
-    return 0.5 * np.vstack([np.zeros(n), np.eye(n)])

@@ -127,7 +127,8 @@ class Effect:
         signed: whether the coefficient may be negative.
         least: coefficient that every one is above; of a signed effect, else it is zero.
         most: largest coefficient that there can be.
-        trial: coefficient with which an effect without a column is simulated.
+        trial: coefficient with which an effect is simulated that has no column, or has one that is
+            sharper than tracks are read.
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
     """
@@ -151,8 +152,8 @@ class Effect:
     def __post_init__(self) -> None:
         if (self.world is None) == (self.sensor is None):
             raise ValueError(f"effect {self.id}: either world or sensor is wanted")
-        if (self.column is None) != (self.trial > 0.0):
-            raise ValueError(f"effect {self.id}: either column or trial is wanted")
+        if self.column is None and not self.trial > 0.0:
+            raise ValueError(f"effect {self.id}: column or trial is wanted")
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
 

@@ -62,6 +62,7 @@ ADDED_MASS = Effect(
     shown=("shakes along two directions",),
     shapes={"x": (), "y": (), "z": (), "radius": ()},  # of the body, so given by who seeks it
     signed=False,
+    trial=2e-3,
 )
 
 DRAG = Effect(

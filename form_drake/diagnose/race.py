@@ -1,0 +1,115 @@
+"""Which effect it is, by simulation: what scores say to first order is not enough for strong ones.
+
+The few effects that explain nearly as much as the best begin where their scores are best, one with a
+place at others too. A few steps of each show which comes nearest to the data.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.score import Score, ranked, shapes
+from form_drake.diagnose.search import Search, matched
+
+FIELD, STARTS = 4, 4  # effects; starts of one that has a place
+NEARLY = 0.4  # of the best score, from which another start is simulated
+BESIDE = 4.0  # widths of the shape parameters, within which starts are one
+MARGIN = 10.0  # of scores, within which effects are equally good
+ROUNDS = (2, 3)  # steps, after each of which the worse half retires
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A start, and how far its search has come."""
+
+    score: Score
+    search: Search
+
+    @property
+    def apart(self) -> float:
+        """Square of its gap."""
+        return float(np.sum(self.search.match.gap**2))
+
+    @property
+    def left(self) -> float:
+        """Square of what a last step would leave of it."""
+        return float(np.sum(self.search.match.left**2))
+
+    def matched(self) -> Match:
+        """The twin nearest to the data.
+
+        Raises:
+            ValueError: it cannot be simulated.
+        """
+        try:
+            return matched(self.search)
+        except ValueError as error:
+            raise ValueError(f"{self.score.effect.id}: {error}") from None
+
+    def stepped(self) -> "Runner":
+        """One step on; where it has settled, or the simulation does not stand it, it stays."""
+        try:
+            return self if self.search.settled else replace(self, search=self.search.stepped())
+        except ValueError:
+            return self
+
+
+def raced(
+    match: Match, seen: Sequence[Score], progress: Callable[[str], None] = lambda text: None
+) -> list[Runner]:
+    """Effects by how near their simulations come to the data, the nearest first; each once.
+
+    Args:
+        match: without them.
+        seen: their scores, best first.
+        progress: hears what is tried.
+
+    Raises:
+        ValueError: none can be simulated.
+    """
+    runners, failure = [], ValueError("no effect is given")
+    field = [s for s in seen[:FIELD] if s.score > NEARLY * seen[0].score]
+    starts = [start for score in field for start in _starts(match, score, seen[0].score)]
+    for start in starts:
+        progress(f"trying {start.effect.id}")
+        try:
+            size = start.effect.bounded(start.coefficient)
+            more = match.model.more(start.effect, size, start.shape)
+            runners.append(Runner(start, Search.of(match.near(more))))
+        except ValueError as error:
+            failure = ValueError(f"{start.effect.id}: {error}")
+    if not runners:
+        raise failure
+    for steps in ROUNDS:
+        for _ in range(steps):
+            runners = [runner.stepped() for runner in runners]
+        runners.sort(key=lambda runner: runner.apart)
+        most = runners[0].apart + MARGIN
+        runners = [r for n, r in enumerate(runners) if 2 * n < len(runners) or r.apart < most]
+    first: dict[str, Runner] = {}
+    for runner in runners:
+        first.setdefault(runner.score.effect.id, runner)
+    return list(first.values())
+
+
+def _starts(match: Match, score: Score, best: float) -> list[Score]:
+    """The best of an effect, and others that are apart from it and nearly as good."""
+    effect = score.effect
+    if "radius" not in effect.shapes:
+        return [score]
+    found = [score]
+    for other in ranked(match, effect, shapes(effect, match.problem.probes[0].body)):
+        if len(found) == STARTS or other.score < NEARLY * best:
+            break
+        if all(_apart(one, other) for one in found):
+            found.append(other)
+    return found
+
+
+def _apart(one: Score, other: Score) -> bool:
+    keys, effect = one.effect.shapes, one.effect
+    steps = [(other.shape[k] - one.shape[k]) / effect.width(other.shape, k) for k in keys]
+    opposed = one.coefficient * other.coefficient < 0.0
+    return opposed or float(np.linalg.norm(steps)) > BESIDE

@@ -1,0 +1,132 @@
+"""Which effect is added: what simulations say of those that columns point at."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from form_drake.diagnose import race, verdict
+from form_drake.diagnose.model import Cause
+from form_drake.diagnose.score import Score
+from form_drake.effects import CATALOGUE
+
+
+def test_shapes_that_are_sizes_stay_positive_in_differences():
+    cause = Cause(CATALOGUE["hardening"], 0.5, {"growth": 0.02, "strain": 0.02})
+    keys = list(cause.effect.shapes)
+    assert dict(zip(keys, cause.steps, strict=True))["growth"] == pytest.approx(0.01)
+    assert 0.0 < dict(zip(keys, cause.steps, strict=True))["strain"] < 0.02
+    (turned,) = Cause(CATALOGUE["gravity-tilt"], 0.1, {"azimuth": 0.0}).steps
+    assert turned == pytest.approx(0.2 * np.radians(45.0))  # an angle may pass zero
+
+
+def score(name, size, **shape):
+    column = np.zeros(4)
+    column[len(name) % 4] = 1.0
+    return Score(CATALOGUE[name], shape, 1.0, 0.1, size, 0.5, column)
+
+
+class Fake:
+    """A search whose gap's square goes down along a list; None: the simulation breaks down."""
+
+    def __init__(self, squares):
+        self.squares = squares
+        gap = np.array([np.sqrt(squares[0])])
+        self.match = SimpleNamespace(gap=gap, left=gap)
+        self.settled = len(squares) == 1
+
+    def stepped(self):
+        if self.squares[1] is None:
+            raise ValueError("it broke down")
+        return Fake(self.squares[1:])
+
+
+@pytest.fixture
+def course(monkeypatch):
+    """Searches by what is tried."""
+    ways = {}
+
+    def near(tried):
+        if ways[tried] is None:
+            raise ValueError("it broke down")
+        return ways[tried]
+
+    monkeypatch.setattr(race.Search, "of", staticmethod(Fake))
+    more = SimpleNamespace(more=lambda effect, size, shape: (effect.id, *shape.values()))
+    left = np.array([np.sqrt(1000.0)])
+    match = SimpleNamespace(model=more, near=near, left=left)
+    return match, ways
+
+
+def test_the_nearest_simulation_wins_whatever_the_scores_say(course):
+    match, ways = course
+    ways |= {("drag",): [900.0, 800.0, 790.0], ("damping",): [950.0, 400.0, 100.0, 20.0]}
+    seen = [score("drag", 500.0), score("damping", 400.0), score("density", 20.0)]
+    (only,) = race.raced(match, seen)  # density explains too little to be tried
+    assert only.score.effect.id == "damping" and only.apart == pytest.approx(20.0)
+    ways |= {("drag",): [900.0, 28.0], ("damping",): [950.0, 30.0, 25.0, 20.0]}
+    near, other = race.raced(match, seen)  # what is as near stays
+    assert [r.score.effect.id for r in (near, other)] == ["damping", "drag"]
+
+
+def test_a_place_is_sought_from_several(course, monkeypatch):
+    match, ways = course
+    at = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
+    places = [{**at, "z": z} for z in (0.0, 1e-3, 10e-3, 20e-3)]
+    sizes = (90.0, 80.0, 70.0, 10.0)  # the second is beside the first, the last explains too little
+    every = [score("inclusion", s, **p) for s, p in zip(sizes, places, strict=True)]
+    match.problem = SimpleNamespace(probes=[SimpleNamespace(body=None)])
+    monkeypatch.setattr(race, "shapes", lambda effect, body: places)
+    monkeypatch.setattr(race, "ranked", lambda match, effect, tried: every)
+    ways |= {
+        ("inclusion", *places[0].values()): [900.0, None],
+        ("inclusion", *places[2].values()): [950.0, 100.0],
+    }
+    (only,) = race.raced(match, every[:1])
+    assert only.score is every[2] and only.apart == pytest.approx(100.0)
+
+
+def test_what_cannot_be_simulated_is_passed_over_or_told(course):
+    match, ways = course
+    ways |= {("drag",): None, ("damping",): [950.0, 30.0]}
+    (only,) = race.raced(match, [score("drag", 500.0), score("damping", 400.0)])
+    assert only.score.effect.id == "damping"
+    with pytest.raises(ValueError, match="drag: it broke down"):
+        race.raced(match, [score("drag", 500.0)])
+
+
+def runner(name, apart, left):
+    """After a race; its search then reaches ``left``."""
+    reached = SimpleNamespace(left=np.array([np.sqrt(left)]))
+    return SimpleNamespace(score=score(name, 50.0), apart=apart, left=left, matched=lambda: reached)
+
+
+def added(monkeypatch, runners, left=100.0):
+    seen = tuple(r.score for r in runners)
+    match = SimpleNamespace(left=np.array([np.sqrt(left)]))
+    monkeypatch.setattr(verdict, "raced", lambda *a: runners)
+    return verdict._added(verdict.Found(match, seen, seen), {}, lambda text: None, last=False)
+
+
+def test_what_explains_too_little_when_it_is_simulated_is_not_named(monkeypatch):
+    """A column that fits by chance: least thresholds are 16."""
+    found, after = added(monkeypatch, [runner("floor-slip", 95.0, 85.0)])
+    assert (found.best, found.refused, after) == (None, ("floor-slip",), None)
+    runners = [runner("floor-slip", 95.0, 85.0), runner("drag", 90.0, 20.0)]
+    found, after = added(monkeypatch, runners)
+    assert found.best.effect.id == "drag" and found.refused == ("floor-slip",)
+    assert after.left @ after.left == pytest.approx(20.0) and found.rivals == ()
+
+
+def test_simulations_that_come_as_near_are_rivals_unless_they_are_alike(monkeypatch):
+    runners = [
+        runner("drag", 20.0, 20.0),
+        runner("damping", 25.0, 25.0),
+        runner("density", 60.0, 60.0),
+    ]
+    found, _ = added(monkeypatch, runners)
+    assert found.best.effect.id == "drag" and found.rivals == ("damping",)
+    same = runner("relaxation", 22.0, 22.0)
+    same.score = Score(CATALOGUE["relaxation"], {}, 1.0, 0.1, 40.0, 0.5, runners[0].score.column)
+    found, _ = added(monkeypatch, [runners[0], same])
+    assert (found.alike, found.rivals) == (("relaxation",), ())
