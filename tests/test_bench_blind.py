@@ -195,8 +195,19 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     (tmp_path / "keys.json").write_text('{"a": 1}')
     good = str(tmp_path / "good")
     key = str(drawn / "key-a.json")
+    truth = json.loads((drawn / "key-a.json").read_text())
+    name, one = next((n, t) for n, t in truth.items() if t["kind"] == "single")
+    lines = {"code": "c", "seal": blind.sealed(Path(seal))}, {"id": name, "verdict": "named"}
+    lines[1]["effects"] = [{"name": next(iter(one["effects"])), "class": []}]
+    (tmp_path / "sizeless").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (tmp_path / "listed.json").write_text(
+        json.dumps({n: {**t, "effects": list(t["effects"])} for n, t in truth.items()})
+    )
+    sizeless, listed = str(tmp_path / "sizeless"), str(tmp_path / "listed.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
+        (["--seal", seal, "--score", sizeless, "--key", key], "lacks its size"),
+        (["--seal", seal, "--score", good, "--key", listed], "no key; each"),
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
         (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import race, verdict
-from form_drake.diagnose.model import Cause
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.model import Cause, Model, firm
 from form_drake.diagnose.score import Score
 from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
 
 
 def test_shapes_that_are_sizes_stay_positive_in_differences():
@@ -18,6 +20,39 @@ def test_shapes_that_are_sizes_stay_positive_in_differences():
     assert 0.0 < dict(zip(keys, cause.steps, strict=True))["strain"] < 0.02
     (turned,) = Cause(CATALOGUE["gravity-tilt"], 0.1, {"azimuth": 0.0}).steps
     assert turned == pytest.approx(0.2 * np.radians(45.0))  # an angle may pass zero
+
+
+def test_more_of_a_cause_is_one_cause_where_its_shape_is_the_same():
+    plain = Model(LAWS["neo-hookean"], {"C10": 1.0, "kappa": 2.0})
+    slip = CATALOGUE["floor-slip"]
+    twice = plain.more(slip, 1e-8, {}).more(slip, 2e-8, {})
+    assert [c.coefficient for c in twice.causes] == [pytest.approx(3e-8)]
+    at = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
+    mass = CATALOGUE["added-mass"]
+    both = plain.more(mass, 1e-3, at).more(mass, 2e-3, {**at, "x": 1e-3})
+    assert [c.coefficient for c in both.causes] == [1e-3, 2e-3]
+
+
+def test_a_law_is_kept_firm():
+    law = LAWS["neo-hookean"]  # bulk modulus kappa, shear modulus 2 C10
+    assert firm(law, {"C10": 6.0, "kappa": 1.0}) == {"C10": 6.0, "kappa": pytest.approx(8.0)}
+    assert firm(law, {"C10": 6.0, "kappa": 9.0}) == {"C10": 6.0, "kappa": 9.0}
+    assert firm(law, {"C10": 6.0, "kappa": 1.0}, known=["kappa"])["kappa"] == 1.0
+    found = firm(LAWS["fixed-corotated"], {"mu": 3.0, "lam": -1.0})
+    assert found == {"mu": 3.0, "lam": pytest.approx(0.0)}
+
+
+def test_what_no_row_sees_is_neither_projected_off_nor_told():
+    """The radius of a point mass: its column is zero."""
+    shape = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
+    cause = Cause(CATALOGUE["added-mass"], 1e-3, shape)
+    match = object.__new__(Match)
+    values = {"C10": 1.0, "kappa": 2.0}
+    object.__setattr__(match, "model", Model(LAWS["neo-hookean"], values, (cause,)))
+    match.__dict__["explained"] = np.hstack([2.0 * np.eye(8)[:, :6], np.zeros((8, 1))])
+    assert match.off(np.eye(8)) == pytest.approx(np.diag([0.0] * 6 + [1.0] * 2))
+    (told,) = match.told.causes
+    assert told.std == 0.5 and told.spread == {key: 0.5 for key in "xyz"}
 
 
 def score(name, size, **shape):
@@ -110,12 +145,24 @@ def added(monkeypatch, runners, left=100.0):
 
 def test_what_explains_too_little_when_it_is_simulated_is_not_named(monkeypatch):
     """A column that fits by chance: least thresholds are 16."""
-    found, after = added(monkeypatch, [runner("floor-slip", 95.0, 85.0)])
+    by_chance = runner("floor-slip", 95.0, 85.0)
+    by_chance.score = score("floor-slip", 17.0)
+    found, after = added(monkeypatch, [by_chance])
     assert (found.best, found.refused, after) == (None, ("floor-slip",), None)
     runners = [runner("floor-slip", 95.0, 85.0), runner("drag", 90.0, 20.0)]
     found, after = added(monkeypatch, runners)
     assert found.best.effect.id == "drag" and found.refused == ("floor-slip",)
     assert after.left @ after.left == pytest.approx(20.0) and found.rivals == ()
+
+
+def test_what_no_simulation_explains_and_no_chance_does_is_not_in_the_catalogue(monkeypatch):
+    """By chance a column may take what it does, beyond what is simulated, up to the threshold of 16."""
+    runners = [runner("floor-slip", 90.0, 90.0), runner("drag", 95.0, 88.0)]
+    found, after = added(monkeypatch, runners, left=100.0)
+    assert found.best is runners[0].score and after is None
+    near = [runner("floor-slip", 90.0, 85.5)]  # by its score 30, of which 14.5 are simulated
+    near[0].score = score("floor-slip", 30.0)
+    assert added(monkeypatch, near)[0].best is None
 
 
 def test_simulations_that_come_as_near_are_rivals_unless_they_are_alike(monkeypatch):

@@ -84,15 +84,24 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
     """
     truth, (head, results) = read_mapping(key), verdicts(out)
     told = all(
-        isinstance(t, dict) and {"seed", "kind", "effects"} <= set(t) for t in truth.values()
+        isinstance(t, dict)
+        and {"seed", "kind", "effects", "body"} <= set(t)
+        and all(isinstance(t[k], dict) for k in ("effects", "body"))
+        for t in truth.values()
     )
     if not told:
-        raise ValueError(f"{key}: no key; each case has a seed, a kind and effects")
+        raise ValueError(f"{key}: no key; each case has a seed, a kind, a body and effects")
     if not digest(truth) == sealed(seal) == head["seal"]:
         raise ValueError(f"{key}: not the key that {seal} and {out} were sealed with")
     lost = [one["id"] for one in results if one["id"] not in truth]
     if lost:
         raise ValueError(f"{out}: case {lost[0]} is not in {key}")
+    try:
+        sizes = compared(results, truth)
+    except (KeyError, TypeError) as error:
+        raise ValueError(
+            f"{out}, {key}: an effect lacks its size, place or body, {error}"
+        ) from None
     rates = {}
     for name, (kind, counts) in RATES.items():
         own = [(one, truth[one["id"]]) for one in results if truth[one["id"]]["kind"] == kind]
@@ -102,7 +111,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         **head,
         "rates": rates,
         "confusions": _confusions(results, truth),
-        "sizes": compared(results, truth),
+        "sizes": sizes,
         "gap": _gaps(results, truth),
         "nulls": _nulls(results, truth),
         "seconds": float(np.median([one["seconds"] for one in results])) if results else None,

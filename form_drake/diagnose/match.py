@@ -132,7 +132,10 @@ class Match:
         return np.concatenate([effect.column(reading, shape) for reading in self.readings])
 
     def _between(self, effect: Effect, shape: Shape) -> np.ndarray:
-        """By simulations with the effect at eight places: what it changes goes evenly from one to the next."""
+        """By simulations with the effect at eight places, from one to the next of which it goes evenly.
+
+        They have the radius that was tried first: what is so small is felt as a point.
+        """
         body = self.problem.probes[0].body
         low, size = body.low, body.high - body.low
         found = np.zeros(sum(int(p.keep.sum()) for p in self.problem.probes))
@@ -213,7 +216,12 @@ class Match:
     @cached_property
     def basis(self) -> np.ndarray:
         """Orthonormal, of what law and causes explain, shape [rows, unknowns]."""
-        return np.asarray(np.linalg.qr(self.explained)[0])
+        return np.asarray(np.linalg.qr(self.explained[:, self._seen])[0])
+
+    @property
+    def _seen(self) -> np.ndarray:
+        """Which unknowns change any row, as the radius of a point mass does not, shape [unknowns]."""
+        return np.asarray(np.linalg.norm(self.explained, axis=0) > TINY)
 
     @cached_property
     def left(self) -> np.ndarray:
@@ -233,22 +241,20 @@ class Match:
 
     @cached_property
     def std(self) -> np.ndarray:
-        """Of the unknowns."""
+        """Of the unknowns; infinite where no row sees one."""
         length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
         inverse = np.linalg.pinv(self.explained / length)
-        seen = np.linalg.norm(self.explained, axis=0) > TINY
-        return np.where(seen, np.linalg.norm(inverse, axis=1) / length, np.inf)
+        return np.where(self._seen, np.linalg.norm(inverse, axis=1) / length, np.inf)
 
     @property
     def told(self) -> Model:
-        """The model, its causes with their standard deviations."""
+        """The model, its causes with their standard deviations, of shapes those that are seen."""
         _, *parts = np.split(self.std, self.parts)
-        causes = [
-            replace(
-                c, std=float(s[0]), spread=dict(zip(c.effect.shapes, s[1:].tolist(), strict=True))
-            )
-            for c, s in zip(self.model.causes, parts, strict=True)
-        ]
+        causes = []
+        for cause, (own, *shape) in zip(self.model.causes, parts, strict=True):
+            spread = zip(cause.effect.shapes, map(float, shape), strict=True)
+            seen = {key: std for key, std in spread if np.isfinite(std)}
+            causes.append(replace(cause, std=float(own), spread=seen))
         return replace(self.model, causes=tuple(causes))
 
 

@@ -13,6 +13,7 @@ from form_drake.mpm.stage import Stage
 from form_drake.records import Recording
 
 STEP = 0.2  # of the width of a shape parameter, in differences
+FIRM = 2.0 / 3.0  # bulk modulus by shear modulus at a Poisson's ratio of zero
 CELLS = 8  # of the grid along the least edge of a body
 
 
@@ -25,7 +26,7 @@ class Cause:
         coefficient: in its unit.
         shape: values of its shape parameters.
         std: of the coefficient.
-        spread: standard deviations of the shape parameters, where they were refined.
+        spread: standard deviations of the shape parameters that were refined and are seen.
     """
 
     effect: Effect
@@ -110,14 +111,19 @@ class Model:
         return Material(law, values, density, effects=tuple(beside))
 
     def more(self, effect: Effect, size: float, shape: Shape) -> "Model":
-        """With one more effect, or more of one."""
-        return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
+        """With one more effect, or more of one that acts with this very shape."""
+        same = [c.effect is effect and dict(c.shape) == dict(shape) for c in self.causes]
+        if not any(same):
+            return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
+        pairs = zip(self.causes, same, strict=True)
+        more = (replace(c, coefficient=c.coefficient + size) if s else c for c, s in pairs)
+        return replace(self, causes=tuple(more))
 
 
 def firm(
-    law: Law, values: Values, known: Collection[str] = (), share: float = 2.0 / 3.0
+    law: Law, values: Values, known: Collection[str] = (), share: float = FIRM
 ) -> dict[str, float]:
-    """Values whose bulk modulus is ``share`` of the shear modulus at least; Poisson's ratio is then positive.
+    """Values whose bulk modulus is ``share`` of the shear modulus at least, ``known`` ones kept.
 
     A law that lacks an effect may come nearest to data with a body that widens as it is pulled,
     about which no other effect is judged rightly.

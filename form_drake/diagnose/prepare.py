@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes, firm
+from form_drake.diagnose.model import FIRM, Model, Scenes, firm
 from form_drake.identify.problem import Problem
 from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
@@ -21,8 +21,9 @@ from form_drake.weak.windows import even
 
 WINDOW = 0.2  # [s]
 STRIDE = 0.5  # of windows, as a share of their width
-FIRM = 2.0 / 3.0  # bulk modulus by shear modulus, below which the first model is believed no more
-UNKNOWN = 8.0 / 3.0  # which is taken then: Poisson's ratio is a third
+UNKNOWN = (
+    8.0 / 3.0
+)  # bulk by shear modulus where the first is not to be believed: Poisson's ratio is a third
 APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
 CLEAR = 1.0  # of the grid spacing, kept from held faces

@@ -82,8 +82,9 @@ class Search:
     def settled(self) -> bool:
         """Whether a step would change no unknown, or gain nothing.
 
-        While the grid's error is not known: whether it would change little. By the twin's own columns: what steps teach has the noise of the data in it, whose product
-        with itself does not vanish on average.
+        While the grid's error is not known: whether it would change little. By the twin's own
+        columns: what steps teach has the noise of the data in it, whose product with itself does not
+        vanish on average.
         """
         columns = self.match.explained
         if self.match.grid is None:

@@ -29,7 +29,7 @@ class Found:
         match: before it was added.
         ranked: all scores, best first.
         seen: those above their thresholds.
-        best: that which is added; None: none is.
+        best: that which is added, or which stands out in the last pass and is not; None: none does.
         alike: ids of effects whose columns are of one class with it.
         rivals: ids of effects of other classes whose simulations come as near.
         refused: ids of effects above their thresholds whose simulations explain too little.
@@ -134,6 +134,9 @@ def _added(
 ) -> tuple[Found, Match | None]:
     """What is added, and the twin with it; None: nothing, or there have been enough.
 
+    A column that takes more than simulations do by its threshold is no chance: something is missing
+    that is like it, and no effect is it.
+
     Raises:
         ValueError: the effect that comes nearest cannot be simulated.
     """
@@ -150,7 +153,10 @@ def _added(
         if after is not None and found.left - np.sum(after.left**2) > _wanted(effect, thresholds):
             return _judged(found, runner, runners, refused), after
         refused.append(effect.id)
-    return replace(found, refused=tuple(refused)), None
+    found, first = replace(found, refused=tuple(refused)), found.seen[0]
+    gain = max(0.0, *(found.left - runner.left for runner in runners))
+    chance = first.score - gain <= _wanted(first.effect, thresholds)
+    return (found if chance else replace(found, best=first)), None
 
 
 def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:

@@ -166,10 +166,10 @@ class Scene:
         simulation.advance(duration)
         force, moment = (j / duration for j in simulation.tools.impulses())
         state = simulation.state()
-        slip = state.slip.copy()
         for n, layer in self._layers.items():
+            slip = state.slip.copy()
             slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
-        state = replace(state, slip=slip)
+            state = replace(state, slip=slip)
         return Snapshot(state, force, moment, state.x + self.corner)
 
 

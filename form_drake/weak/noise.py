@@ -13,7 +13,7 @@ from form_drake.weak.fields import Fields
 from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
-SMALL = 1e-5  # share of the largest entry below which noise of far moments is left out
+SMALL = 1e-5  # correlation below which windows are taken to share no noise
 
 # (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
 Stress = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
