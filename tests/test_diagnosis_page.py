@@ -275,7 +275,7 @@ def test_cells_that_no_row_sees_stay_blank(diagnosis):
 
 def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
-    diagnosis_page(diagnosis, {"damping": 100.0}, tmp_path / "r.html", command=command)
+    diagnosis_page(diagnosis, {"damping": 100.0}, command=command).write(tmp_path / "r.html")
     page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
     assert "Where and when" in page and "circles: what was found there." in page
     assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page

@@ -1,5 +1,6 @@
 """Which effect is added: what simulations say of those that columns point at."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -102,6 +103,22 @@ def test_the_nearest_simulation_wins_whatever_the_scores_say(course):
     ways |= {("drag",): [900.0, 28.0], ("damping",): [950.0, 30.0, 25.0, 20.0]}
     near, other = race.raced(match, seen)  # what is as near stays
     assert [r.score.effect.id for r in (near, other)] == ["damping", "drag"]
+
+
+def test_one_of_each_class_is_tried(course):
+    match, ways = course
+    ways |= {("drag",): [900.0, 30.0]}
+    twin = replace(score("damping", 490.0), column=score("drag", 1.0).column)
+    (only,) = race.raced(match, [score("drag", 500.0), twin])
+    assert only.score.effect.id == "drag"
+
+
+def test_a_further_effect_explains_more_than_simulations_have_wrong():
+    found = verdict.Found(SimpleNamespace(), (), doubt=verdict.WRONG**2 * 1e5)
+    drag = CATALOGUE["drag"]
+    assert found.wanted(drag, {}) == pytest.approx(640.0)
+    assert found.wanted(drag, {"drag": 700.0}) == 700.0
+    assert replace(found, doubt=0.0).wanted(drag, {}) == verdict.LEAST
 
 
 def test_a_place_is_sought_from_several(course, monkeypatch):

@@ -14,6 +14,7 @@ from form_drake.bench import (
     blind,
     blind_score,
     deformable,
+    effects,
     nulls,
     positions,
     probes,
@@ -117,6 +118,27 @@ class Nulls:
 
         whole = not self.only
         _finish("nulls", self.out, run, nulls.table, whole=whole, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Every effect, at three sizes, found again in a press and a shake; none where none acts."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-effects/effects.json."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+
+        def run(store: Path) -> dict[str, Any]:
+            return effects.run_effects(store=store, only=self.only)
+
+        whole = not self.only
+        _finish("effects", self.out, run, effects.table, whole=whole, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -333,6 +355,7 @@ class Bench:
     case: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Table2, tyro.conf.subcommand("table2")]
         | Annotated[Nulls, tyro.conf.subcommand("nulls")]
+        | Annotated[Effects, tyro.conf.subcommand("effects")]
         | Annotated[Blind, tyro.conf.subcommand("blind")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]

@@ -8,16 +8,14 @@ import numpy as np
 import tyro
 
 from form_drake.commands.output import device, emit, say
-from form_drake.diagnose import Diagnosis, Model, diagnosed, thresholds
-from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose import Model, diagnosed, thresholds
+from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import CATALOGUE, load
-from form_drake.files import target_folder, whole_folder, write_json
+from form_drake.files import target_folder, whole_folder
 from form_drake.laws import law_named
 from form_drake.material import read_material
 from form_drake.motion import body
 from form_drake.records import Recording, read
-
-PLAYED = "before_after.html"
 
 
 @dataclass(frozen=True)
@@ -74,15 +72,10 @@ class Diagnose:
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
         )
-        told, command = found.to_json(), self._again(out)
-        told["advice"]["command"] = command
+        command = self._again(out)
         with whole_folder(out) as folder:
-            write_json(folder / "discrepancy.json", told)
-            found.material.write(folder / "material.yaml")
-            played = _play(found, folder)
-            page = folder / "report.html"
-            diagnosis_page(found, limits, page, command=command, played=played)
-        emit(_table(found), told, as_json=self.json)
+            told = write_diagnosis(found, limits, folder, command=command)
+        emit(str(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
 
     def _again(self, out: Path) -> str:
@@ -124,34 +117,3 @@ def _check(recordings: list[tuple[Path, Recording]]) -> None:
                 seen.p_WQ, other.p_WQ, equal_nan=True
             ):
                 raise ValueError(f"{name}: the same motion as {earlier}")
-
-
-def _play(found: Diagnosis, folder: Path) -> str:
-    """Name of a page that plays the first held-out motion; "": none was predicted."""
-    if not found.measured:
-        return ""
-    from form_drake.systems.before_after import write_before_after
-
-    before, after = found.simulated
-    write_before_after(
-        found.measured[0],
-        before[0],
-        after[0],
-        folder / PLAYED,
-        "held-out motion, measured and predicted",
-    )
-    return PLAYED
-
-
-def _table(found: Diagnosis) -> str:
-    lines = [found.sentence(), ""]
-    for n, one in enumerate(found.naming.passes, start=1):
-        told = ", ".join(f"{s.effect.id} {s.score:.0f}" for s in one.ranked[:5])
-        lines.append(f"pass {n}: {told}")
-    if found.channels:
-        lines += ["", f"{'held out':24} {'before':>10} {'after':>10} {'floor':>10} {'closed':>8}"]
-    for c in found.channels:
-        closed = f"{100.0 * c.closure:6.0f} %" if c.counts else "       -"
-        numbers = " ".join(f"{v:10.3g}" for v in (c.before, c.after, c.floor))
-        lines.append(f"{c.name:24} {numbers} {closed} {c.unit}")
-    return "\n".join(lines)

@@ -67,8 +67,9 @@ class Diagnosis:
     def sentence(self) -> str:
         """The verdict in words."""
         told = "; ".join(
-            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} ± {c.std:.1g} {c.effect.unit})"
-            for c in self.naming.added
+            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} ± {c.std:.1g} {c.effect.unit}"
+            + (f"; its column is like that of {', '.join(p.alike)})" if p.alike else ")")
+            for c, p in zip(self.naming.added, self.naming.passes, strict=False)
         )
         if self.verdict == "none":
             return "Nothing is missing: what is left is noise."
@@ -81,6 +82,23 @@ class Diagnosis:
             rivals = sorted({r for p in self.naming.passes for r in p.rivals})
             return f"Missing: {told}; these recordings would allow {', '.join(rivals)} as well."
         return f"Missing: {told}."
+
+    def __str__(self) -> str:
+        """Verdict, scores and held-out errors as a table."""
+        lines = [self.sentence(), ""]
+        for n, one in enumerate(self.naming.passes, start=1):
+            told = ", ".join(f"{s.effect.id} {s.score:.0f}" for s in one.ranked[:5])
+            lines.append(f"pass {n}: {told}")
+        if self.channels:
+            lines += [
+                "",
+                f"{'held out':24} {'before':>10} {'after':>10} {'floor':>10} {'closed':>8}",
+            ]
+        for c in self.channels:
+            closed = f"{100.0 * c.closure:6.0f} %" if c.counts else "       -"
+            numbers = " ".join(f"{v:10.3g}" for v in (c.before, c.after, c.floor))
+            lines.append(f"{c.name:24} {numbers} {closed} {c.unit}")
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
         """``discrepancy.json``."""

@@ -20,13 +20,18 @@ from form_drake.identify.scene import twin_problem
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import TINY, Weights, weights
+from form_drake.workers import mapped
 
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
 ALONE = 0.3  # of that, from one window to the next
 OTHER = 0.03  # of the rows, from which their noise is taken anew
-AWAY = 1.0  # standard deviations that what the grid has wrong may have changed by
+AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
+GROSS = 0.25  # of the rows, which no grid has wrong
+FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
+
+Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ class Match:
     scenes: Scenes
     grid: np.ndarray | None = field(default=None, repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
-    sites: dict[tuple[str, tuple[int, ...]], np.ndarray] = field(default_factory=dict, repr=False)
+    sites: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
@@ -89,6 +94,16 @@ class Match:
         return self._moved * float(np.linalg.norm(self.by.white(self.grid))) < AWAY
 
     @property
+    def gross(self) -> bool:
+        """Whether far more is missing than any grid has wrong."""
+        return float(np.linalg.norm(self.gap)) > GROSS * self.size
+
+    @property
+    def far(self) -> bool:
+        """Whether what the grid has wrong is not known, or of a model that is another."""
+        return self.grid is None or self._moved > FAR
+
+    @property
     def _moved(self) -> float:
         """How much of the rows has changed since what the grid has wrong was found."""
         if self.began is None:
@@ -111,44 +126,61 @@ class Match:
         return self.by.white(self._every(effect, shapes))
 
     def _every(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        self.learn([(effect, shape) for shape in shapes])
         return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
 
+    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+        """Make what columns of effects need that is not known yet, on all cores."""
+        todo = dict[Key, tuple[Effect, Shape]]()
+        for effect, shape in wanted:
+            for key, at in self._needs(effect, shape).items():
+                if key not in self._known and key not in self.sites:
+                    todo.setdefault(key, (effect, at))
+        tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
+        if any(not effect.trial for _, (effect, _) in tasks):
+            assert self.readings  # made once for all copies
+        made = mapped(lambda one: self._made(*one[1]), tasks, fork=self.scenes.fork)
+        for (key, (effect, _)), column in zip(tasks, made, strict=True):
+            (self.sites if _placed(effect) else self._known)[key] = column
+
+    def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
+        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly.
+
+        These have the radius that was tried first: what is so small is felt as a point.
+        """
+        if not _placed(effect):
+            return {(effect.id, tuple(shape.items())): shape}
+        body = self.problem.probes[0].body
+        found = dict[Key, Shape]()
+        for corner in np.ndindex(2, 2, 2):
+            place = body.low + (body.high - body.low) * np.take(SITES, corner)
+            there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
+            found[effect.id, corner] = there
+        return found
+
     def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
-        key = effect.id, tuple(shape.items())
-        if key not in self._known:
-            self._known[key] = self._made(effect, shape)
-        return self._known[key]
+        if not _placed(effect):
+            return self._known[effect.id, tuple(shape.items())]
+        body = self.problem.probes[0].body
+        size = body.high - body.low
+        at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
+        part = at / (SITES[1] - SITES[0])
+        corners = np.ndindex(2, 2, 2)
+        sites = [
+            float(np.prod(np.where(c, part, 1.0 - part))) * self.sites[effect.id, c]
+            for c in corners
+        ]
+        return np.asarray(np.sum(sites, axis=0))
 
     @cached_property
-    def _known(self) -> dict[tuple[object, ...], np.ndarray]:
+    def _known(self) -> dict[Key, np.ndarray]:
         return {}
 
     def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
-        if effect.trial and "radius" in effect.shapes:
-            return self._between(effect, shape)
         if effect.trial:
             return self._changed(effect, shape)
         assert effect.column is not None
         return np.concatenate([effect.column(reading, shape) for reading in self.readings])
-
-    def _between(self, effect: Effect, shape: Shape) -> np.ndarray:
-        """By simulations with the effect at eight places, from one to the next of which it goes evenly.
-
-        They have the radius that was tried first: what is so small is felt as a point.
-        """
-        body = self.problem.probes[0].body
-        low, size = body.low, body.high - body.low
-        found = np.zeros(sum(int(p.keep.sum()) for p in self.problem.probes))
-        at = (np.array([shape[k] for k in "xyz"]) - low - SITES[0] * size) / size
-        part = at / (SITES[1] - SITES[0])
-        for corner in np.ndindex(2, 2, 2):
-            place = low + size * np.take(SITES, corner)
-            if (effect.id, corner) not in self.sites:
-                there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
-                self.sites[effect.id, corner] = self._changed(effect, there)
-            share = float(np.prod(np.where(corner, part, 1.0 - part)))
-            found += share * self.sites[effect.id, corner]
-        return found
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
@@ -176,15 +208,13 @@ class Match:
     def slopes(self) -> np.ndarray:
         """The same, not whitened."""
         own = self.twin.jacobian(*self.twin.coordinates(self.model.values))
+        self.learn([(c.effect, shape) for c in self.model.causes for shape in c.beside])
         return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
 
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
-        effect, steps = cause.effect, cause.steps
-        shapes = [cause.shape]
-        for key, step in zip(effect.shapes, steps, strict=True):
-            shapes += [{**cause.shape, key: cause.shape[key] + s * step} for s in (-1.0, 1.0)]
-        columns = self._every(effect, shapes)
+        effect, steps, shapes = cause.effect, cause.steps, cause.beside
+        columns = np.stack([self._column(effect, shape) for shape in shapes], axis=1)
         turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * steps)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
 
@@ -256,6 +286,11 @@ class Match:
             seen = {key: std for key, std in spread if np.isfinite(std)}
             causes.append(replace(cause, std=float(own), spread=seen))
         return replace(self.model, causes=tuple(causes))
+
+
+def _placed(effect: Effect) -> bool:
+    """Whether its columns are simulated at some places and taken evenly between them."""
+    return bool(effect.trial) and "radius" in effect.shapes
 
 
 def layer_error(probe: Probe, dx: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import warp as wp
 
 from form_drake.effects import Effect, Shape, World
 from form_drake.laws import ADDITIONS, Law, Values
@@ -11,6 +12,7 @@ from form_drake.material import Acting, Material
 from form_drake.motion import body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording
+from form_drake.workers import mapped
 
 STEP = 0.2  # of the width of a shape parameter, in differences
 FIRM = 2.0 / 3.0  # bulk modulus by shear modulus at a Poisson's ratio of zero
@@ -51,6 +53,13 @@ class Cause:
         keys = self.effect.shapes
         sizes = [abs(self.shape[k]) if self.effect.positive(k) else np.inf for k in keys]
         return np.minimum(STEP * self.widths, 0.5 * np.array(sizes))
+
+    @property
+    def beside(self) -> list[Shape]:
+        """Its shape, and those a step less and more of each of the shape parameters."""
+        pairs = zip(self.effect.shapes, self.steps, strict=True)
+        ways = [(key, s * float(step)) for key, step in pairs for s in (-1.0, 1.0)]
+        return [self.shape, *({**self.shape, k: self.shape[k] + d} for k, d in ways)]
 
     def within(self, change: np.ndarray) -> np.ndarray:
         """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
@@ -172,13 +181,31 @@ class Scenes:
         """On the coarser grid."""
         return replace(self, dx=tuple(dx * self.coarser for dx in self.dx))
 
+    @property
+    def fork(self) -> bool:
+        """Whether simulations may run in copies of this process: where it can use no GPU."""
+        wp.init()  # once for all copies
+        return not wp.is_cuda_available()
+
     def rolled(self, model: Model) -> list[Recording]:
         """What the sensors would record.
 
         Raises:
             ValueError: a recording does not state what is needed, or a simulation fails.
         """
-        return [self._rolled(r, dx, model) for r, dx in zip(self.recordings, self.dx, strict=True)]
+        (found,) = self.every([model])
+        return found
+
+    def every(self, models: Sequence[Model]) -> list[list[Recording]]:
+        """The same of several models.
+
+        Raises:
+            ValueError: see ``rolled``.
+        """
+        scenes = list(zip(self.recordings, self.dx, strict=True))
+        tasks = [(*scene, model) for model in models for scene in scenes]
+        made = mapped(lambda task: self._rolled(*task), tasks, fork=self.fork)
+        return [made[n : n + len(scenes)] for n in range(0, len(made), len(scenes))]
 
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
         stage = Stage(recording, dx, device=self.device)

@@ -1,7 +1,6 @@
 """The report of a diagnosis: one HTML page."""
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -24,17 +23,15 @@ UNVERIFIED = (
 def diagnosis_page(
     found: Diagnosis,
     thresholds: Mapping[str, float],
-    path: Path,
     *,
     command: str = "",
     played: str = "",
-) -> None:
-    """Write the page.
+) -> Report:
+    """The page, yet to be written.
 
     Args:
         found: of a diagnosis.
         thresholds: scores by effect's id that nothing missing may reach.
-        path: of the page.
         command: that diagnoses again with a further recording.
         played: name of the file that plays a held-out motion.
     """
@@ -47,7 +44,7 @@ def diagnosis_page(
     _next(page, found, thresholds, command)
     page.heading("Not verified")
     page.paragraph(UNVERIFIED)
-    page.write(path)
+    return page
 
 
 def _specimen(page: Report, found: Diagnosis) -> None:
@@ -121,7 +118,9 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
         if one.refused:
             told = f"{', '.join(one.refused)}: simulated, it explains no more than noise would."
             page.paragraph(told)
-        page.figure(ranking(one.ranked, thresholds, LEAST), "How much each effect explains.")
+        page.figure(
+            ranking(one.ranked, thresholds, max(LEAST, one.doubt)), "How much each effect explains."
+        )
         page.figure(where(one.match), "What is left of every test field.")
 
 

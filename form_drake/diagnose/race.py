@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.score import Score, ranked, shapes
+from form_drake.diagnose.score import Score, coherence, ranked, shapes
 from form_drake.diagnose.search import Search, matched
 
 FIELD, STARTS = 4, 4  # effects; starts of one that has a place
+SAME = 0.99  # coherence from which no simulation would tell two effects apart
 NEARLY = 0.4  # of the best score, from which another start is simulated
 BESIDE = 4.0  # widths of the shape parameters, within which starts are one
 MARGIN = 10.0  # of scores, within which effects are equally good
@@ -70,7 +71,15 @@ def raced(
         ValueError: none can be simulated.
     """
     runners, failure = [], ValueError("no effect is given")
-    field = [s for s in seen[:FIELD] if s.score > NEARLY * seen[0].score]
+    field = list[Score]()
+    for score in seen:
+        near = score.score > NEARLY * seen[0].score
+        if (
+            near
+            and len(field) < FIELD
+            and not coherence([score, *field])[0, 1:].max(initial=0.0) > SAME
+        ):
+            field.append(score)
     starts = [start for score in field for start in _starts(match, score, seen[0].score)]
     for start in starts:
         progress(f"trying {start.effect.id}")

@@ -18,6 +18,7 @@ from form_drake.weak.solve import TINY
 PLACES = 5  # along each axis of a body at which a place is tried
 RADIUS = 0.2  # of the least edge of a body, of what is sought at a place
 UNSEEN = 1e50  # least size, from which nothing would be seen
+ALIKE = 0.9  # coherence from which two columns are one class
 DETECTED = 5.0  # standard deviations that count as seen
 
 
@@ -67,7 +68,9 @@ def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
     bodies = [p.body for p in match.problem.probes]
     body = bodies[0]
     fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
-    found = (scored(match, e, shapes(e, body)) for e in fitting)
+    tried = {e.id: (e, shapes(e, body)) for e in fitting}
+    match.learn([(e, shape) for e, every in tried.values() for shape in every])
+    found = (scored(match, *one) for one in tried.values())
     return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)
 
 

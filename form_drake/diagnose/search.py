@@ -82,12 +82,12 @@ class Search:
     def settled(self) -> bool:
         """Whether a step would change no unknown, or gain nothing.
 
-        While the grid's error is not known: whether it would change little. By the twin's own
+        Far from where the grid's error is known: whether it would change little. By the twin's own
         columns: what steps teach has the noise of the data in it, whose product with itself does not
         vanish on average.
         """
         columns = self.match.explained
-        if self.match.grid is None:
+        if self.match.far:
             step = columns @ self._change(0.0, columns)
             return bool(np.linalg.norm(step) < NEAR * self.match.size)
         gain = np.sum((columns @ self._wanted(0.0, columns)) ** 2)
@@ -146,12 +146,16 @@ class Search:
 
 
 def matched(
-    start: Match | Search, progress: Callable[[Search], None] = lambda search: None
+    start: Match | Search,
+    progress: Callable[[Search], None] = lambda search: None,
+    *,
+    rough: bool = False,
 ) -> Match:
     """The twin nearest to the data.
 
     Args:
         start: one of the same data, or a search that has begun.
+        rough: whether what the grid has wrong may stay unknown where far more than that is missing.
         progress: hears where the search is.
 
     Raises:
@@ -162,7 +166,7 @@ def matched(
     while True:
         progress(search)
         done = search.settled or passes == PASSES
-        if done and (search.match.here or fine == FINE):
+        if done and (search.match.here or fine == FINE or (rough and search.match.gross)):
             return search.match
         if done:
             search, fine = search.anchored(), fine + 1

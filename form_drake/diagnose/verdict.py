@@ -9,14 +9,14 @@ import numpy as np
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.race import MARGIN, Runner, raced
-from form_drake.diagnose.score import Score, coherence, scores
+from form_drake.diagnose.score import ALIKE, Score, coherence, scores
 from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
 from form_drake.identify.problem import Problem
 
 MOST = 3  # effects
-ALIKE = 0.9  # coherence from which two columns are one class
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
+WRONG = 0.08  # of what effects change, that their simulation may have wrong
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
 
@@ -33,6 +33,7 @@ class Found:
         alike: ids of effects whose columns are of one class with it.
         rivals: ids of effects of other classes whose simulations come as near.
         refused: ids of effects above their thresholds whose simulations explain too little.
+        doubt: least score, for what the simulation of effects that were added may have wrong.
     """
 
     match: Match
@@ -42,6 +43,11 @@ class Found:
     alike: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    doubt: float = 0.0
+
+    def wanted(self, effect: Effect, thresholds: Mapping[str, float]) -> float:
+        """The score that an effect must exceed."""
+        return max(thresholds.get(effect.id, 0.0), LEAST, self.doubt)
 
     @property
     def left(self) -> float:
@@ -91,10 +97,12 @@ def named(
         ValueError: a scene cannot be simulated.
     """
     progress("simulating the twin")
-    match, passes, failed = matched(Match.of(problem, scenes, start)), list[Found](), ""
+    begun = Match.of(problem, scenes, start)
+    match, passes, failed = matched(begun, rough=True), list[Found](), ""
     while True:
         progress("scoring effects")
-        found = judged(match, effects, thresholds)
+        explained = passes[0].left - float(np.sum(match.left**2)) if passes else 0.0
+        found = judged(match, effects, thresholds, WRONG**2 * explained)
         try:
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:
@@ -113,16 +121,15 @@ def named(
     return Naming(tuple(passes), model, added, verdict, failed)
 
 
-def judged(match: Match, effects: Sequence[Effect], thresholds: Mapping[str, float]) -> Found:
+def judged(
+    match: Match, effects: Sequence[Effect], thresholds: Mapping[str, float], doubt: float = 0.0
+) -> Found:
     """Scores of what is not known yet, and which of them are above their thresholds."""
     known = {c.effect.id for c in match.model.causes}
     ranked = scores(match, [e for e in effects if e.id not in known])
-    seen = [s for s in ranked if s.score > _wanted(s.effect, thresholds)]
-    return Found(match, tuple(ranked), tuple(seen))
-
-
-def _wanted(effect: Effect, thresholds: Mapping[str, float]) -> float:
-    return max(thresholds.get(effect.id, 0.0), LEAST)
+    found = Found(match, tuple(ranked), doubt=doubt)
+    seen = [s for s in ranked if s.score > found.wanted(s.effect, thresholds)]
+    return replace(found, seen=tuple(seen))
 
 
 def _added(
@@ -147,15 +154,16 @@ def _added(
     runners, refused = raced(found.match, found.seen, progress), list[str]()
     for runner in runners:
         effect, after = runner.score.effect, None
-        if found.left - runner.left > _wanted(effect, thresholds):
+        if found.left - runner.left > found.wanted(effect, thresholds):
             progress(f"adding {effect.id}")
             after = runner.matched()
-        if after is not None and found.left - np.sum(after.left**2) > _wanted(effect, thresholds):
+        wanted = found.wanted(effect, thresholds)
+        if after is not None and found.left - np.sum(after.left**2) > wanted:
             return _judged(found, runner, runners, refused), after
         refused.append(effect.id)
     found, first = replace(found, refused=tuple(refused)), found.seen[0]
     gain = max(0.0, *(found.left - runner.left for runner in runners))
-    chance = first.score - gain <= _wanted(first.effect, thresholds)
+    chance = first.score - gain <= found.wanted(first.effect, thresholds)
     return (found if chance else replace(found, best=first)), None
 
 

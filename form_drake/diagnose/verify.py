@@ -85,12 +85,15 @@ class Check:
                 for tool, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
             ]
             u = [r.p_WQ - seen.reference for r in (seen, before, coarse, other)]
-            for name, unit, noise, values in [(f"tracks {n}", "m", _noise(seen), u), *tools]:
+            for name, unit, noise, values in [
+                (f"tracks {n}", "m", tracking_noise(seen), u),
+                *tools,
+            ]:
                 found.append(_channel(name, unit, noise, values))
         return found
 
 
-def _noise(recording: Recording) -> float:
+def tracking_noise(recording: Recording) -> float:
     """Standard deviation of a measured coordinate [m], stated or from the jitter of the tracks."""
     if recording.noise is not None:
         return float(recording.noise)

@@ -166,10 +166,11 @@ class Scene:
         simulation.advance(duration)
         force, moment = (j / duration for j in simulation.tools.impulses())
         state = simulation.state()
-        for n, layer in self._layers.items():
+        if self._layers:
             slip = state.slip.copy()
-            slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
-            state = replace(state, slip=slip)
+            for n, layer in self._layers.items():
+                slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
+            state = simulation.slipped(slip)
         return Snapshot(state, force, moment, state.x + self.corner)
 
 

@@ -19,11 +19,13 @@ class Layer:
 
     Attributes:
         tied: their indices.
-        weight: of nodes in the plane at particles, quadratic splines, shape [tied, nodes].
+        mean: values of nodes in the plane from those of particles, shape [nodes, tied].
+        at: values at particles from those of nodes, quadratic splines, shape [tied, nodes].
     """
 
     tied: np.ndarray
-    weight: csr_array
+    mean: csr_array
+    at: csr_array
 
     @classmethod
     def of(cls, tied: np.ndarray, place: np.ndarray, dx: float) -> "Layer":
@@ -37,12 +39,12 @@ class Layer:
         nodes = [(first[:, 0] + a) * width + first[:, 1] + b for a in range(3) for b in range(3)]
         shares = [share[a, :, 0] * share[b, :, 1] for a in range(3) for b in range(3)]
         entries = np.stack(shares, axis=1).ravel(), (rows, np.stack(nodes, axis=1).ravel())
-        return cls(tied, csr_array(entries, shape=(len(u), width * width)))
+        at = csr_array(entries, shape=(len(u), width * width))
+        whole = np.maximum(at.sum(axis=0), 1e-12)
+        return cls(tied, csr_array((at / whole).T), at)
 
     def told(self, values: np.ndarray, duration: float) -> np.ndarray:
         """Values of the particles [tied, 3] a time [s] later."""
-        whole = np.maximum(self.weight.sum(axis=0), 1e-12)
-        nodes = (self.weight.T @ values) / whole[:, None]
         part = 1.0 - np.exp(-RATE * duration)
-        found: np.ndarray = values + part * (self.weight @ nodes - values)
+        found: np.ndarray = values + part * (self.at @ (self.mean @ values) - values)
         return found

@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -20,6 +21,7 @@ from form_drake.records.solver import Solver
 __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
 
 GRAPH_STEPS = 20
+GRAPHS = (GRAPH_STEPS, 4, 1)  # steps that one launch makes
 
 _capture_lock = threading.Lock()
 
@@ -74,7 +76,7 @@ class Simulation:
         self._allocate()
         if solver.dt is not None:
             self._set_dt(solver.dt)
-        self._graphs = {steps: self._recorded(steps) for steps in (1, GRAPH_STEPS)}
+        self._graphs = {steps: self._recorded(steps) for steps in GRAPHS}
 
     def _array(self, value: np.ndarray, dtype):
         value = np.ascontiguousarray(value, dtype=self._dtype)
@@ -197,6 +199,12 @@ class Simulation:
         self._fault.fill_(-1)
         self._held = state
 
+    def slipped(self, slip: np.ndarray) -> State:
+        """The state from now on, with other slips."""
+        self.tools.slip = slip
+        self._held = replace(self.state(), slip=slip)
+        return self._held
+
     @property
     def dt(self) -> float:
         """Current time step [s]."""
@@ -292,10 +300,10 @@ class Simulation:
         if steps and not self._dt:
             raise ValueError("the solver states no dt: use advance, which chooses one")
         self._held = None
-        for _ in range(steps // GRAPH_STEPS):
-            wp.capture_launch(self._graphs[GRAPH_STEPS])
-        for _ in range(steps % GRAPH_STEPS):
-            wp.capture_launch(self._graphs[1])
+        for size in GRAPHS:
+            for _ in range(steps // size):
+                wp.capture_launch(self._graphs[size])
+            steps %= size
         self._check()
 
     def _check(self) -> None:

@@ -1,0 +1,100 @@
+"""A monitor in a diagram: silent while all goes as predicted, an alarm where it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from form_drake.diagnose import Cause, Model, Scenes
+from form_drake.diagnose.motions import Block, noisy
+from form_drake.diagnose.watch import Watch
+from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.records import Stream
+from form_drake.systems.monitor import Monitor
+
+BLOCK = Block(size=(0.02, 0.02, 0.02), points=60)
+MODEL = Model(LAWS[BLOCK.law], {"C10": 8e3, "kappa": 40e3})
+PLAN, DX = BLOCK.press("bonded", 0.6), 0.004
+
+
+class Camera(LeafSystem):
+    """Tells of a recording what was measured until now."""
+
+    def __init__(self, whole):
+        super().__init__()
+        self._whole = whole
+        self.DeclareAbstractOutputPort("recording", lambda: Value[object](None), self._tell)
+
+    def _tell(self, context, out):
+        now = context.get_time() + 1e-9
+        count = int(np.sum(self._whole.time <= now))
+        forces = {}
+        for tool, stream in self._whole.forces.items():
+            own = stream.time <= now
+            forces[tool] = Stream(stream.time[own], stream.value[own], noise=stream.noise)
+        seen = replace(self._whole, time=self._whole.time[:count], p_WQ=self._whole.p_WQ[:count])
+        out.set_value(replace(seen, forces=forces) if count > 3 else None)
+
+
+@pytest.fixture(scope="module")
+def watch():
+    return Watch.of(PLAN, MODEL, DX)
+
+
+def watched(watch, *causes, model=MODEL):
+    """The alarm, when it came, and the last excess, of a probe of a body with effects."""
+    (made,) = Scenes.of((PLAN,), DX / 1.5).rolled(replace(model, causes=causes))
+    builder, told = DiagramBuilder(), []
+    camera = builder.AddSystem(Camera(noisy(made, np.random.default_rng(1))))
+    monitor = builder.AddSystem(Monitor(watch, told=told.append))
+    builder.Connect(camera.get_output_port(), monitor.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.6)
+    own = monitor.GetMyContextFromRoot(simulator.get_context())
+    alarm = monitor.GetOutputPort("alarm").Eval(own)
+    assert told == ([alarm] if alarm else [])
+    return alarm, monitor.GetOutputPort("excess").Eval(own)
+
+
+def test_a_monitor_is_silent_while_all_goes_as_predicted(watch):
+    alarm, excess = watched(watch)
+    assert alarm is None and excess.shape == (2,) and np.all(excess < 1.0)
+
+
+def test_a_force_that_is_not_as_predicted_raises_an_alarm_of_its_own(watch):
+    alarm, excess = watched(watch, Cause(CATALOGUE["force-gain"], 0.2, {}))
+    assert alarm.channel == "force of plate" and alarm.where == ()
+    assert 0.1 <= alarm.time < 0.5  # there is no force before the plate has moved
+    assert excess[0] < 1.0 < excess[1]
+    assert "force of plate not as predicted" in str(alarm)
+
+
+def test_tracks_that_are_not_as_predicted_tell_where_and_when(watch):
+    high = watch.predicted.reference[:, 2] > 0.014
+    late = watch.predicted.time > 0.3
+    p_WQ = watch.predicted.p_WQ + 1e-3 * (late[:, None] & high)[:, :, None] * np.array(
+        [1.0, 0.0, 0.0]
+    )
+    made = noisy(replace(watch.predicted, p_WQ=p_WQ), np.random.default_rng(2))
+    alarm = watch.alarm(made)
+    assert alarm.channel == "tracks" and alarm.time == pytest.approx(0.3)
+    assert alarm.where[2] > 0.014 and "mm not as predicted" in str(alarm)
+    excess = {name: sizes for name, (_, sizes) in watch.excess(made).items()}
+    assert np.all(excess["tracks"][:3] < 1.0) and np.all(excess["tracks"][3:] > 1.0)
+    assert np.all(excess["force of plate"] < 1.0)
+
+
+def test_other_points_than_the_predicted_ones_are_refused(watch):
+    few = replace(
+        watch.predicted,
+        p_WQ=watch.predicted.p_WQ[:, :9],
+        p_reference=watch.predicted.reference[:9],
+    )
+    with pytest.raises(ValueError, match="9 points are tracked, 60 are predicted"):
+        watch.excess(few)
+    with pytest.raises(ValueError, match="no force of plate is measured"):
+        watch.excess(replace(watch.predicted, forces={}))

@@ -1,0 +1,43 @@
+"""Tasks on all cores: what forked copies make comes back in order, and what they raise."""
+
+import os
+
+import pytest
+
+from form_drake.workers import mapped
+
+CORES = len(os.sched_getaffinity(0))
+
+
+def test_what_copies_make_comes_back_in_order():
+    told = []  # copies know what this process knows, and their changes are lost
+
+    def task(n):
+        told.append(n)
+        return n**2, os.getpid()
+
+    made = mapped(task, range(7))
+    assert [square for square, _ in made] == [n**2 for n in range(7)]
+    if CORES > 1:
+        assert told == [] and os.getpid() not in {pid for _, pid in made}
+
+
+def test_what_may_not_be_copied_is_not():
+    assert {pid for pid in mapped(lambda n: os.getpid(), range(3), fork=False)} == {os.getpid()}
+    assert mapped(lambda n: os.getpid(), [1]) == [os.getpid()]
+
+
+def test_copies_make_none_themselves():
+    def task(n):
+        return os.getpid(), mapped(lambda m: os.getpid(), range(2))
+
+    for own, inner in mapped(task, range(2)):
+        assert inner == [own, own]
+
+
+def test_what_a_copy_raises_is_raised():
+    def task(n):
+        raise ValueError(f"{n} is no good")
+
+    with pytest.raises(ValueError, match="0 is no good"):
+        mapped(task, range(2))
