@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from form_drake.diagnose.watch import Alarm, Watch
 
