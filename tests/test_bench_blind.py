@@ -80,7 +80,9 @@ def verdicts(key, seal, out):
 
     def told(name, verdict, *effects, gap=()):
         passes = [{"scores": {"drag": 3.0 + len(lines)}}]
+        lesser = {"ols": {"density": 20.0}, "gls": {}}
         one = {"id": name, "verdict": verdict, "named": verdict, "effects": list(effects)}
+        one["lesser"] = lesser
         lines.append({**one, "gap": list(gap), "passes": passes, "seconds": 100.0})
 
     (a, (right,)), (b, (twin,)), (c, _) = kinds["single"]
@@ -117,6 +119,16 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     }
     assert found["gap"] == {"channels": 1, "excluded": 1, "after/before": 0.25, "closure": 0.9}
     assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
+    truth = json.loads(key.read_text()).values()
+    singles = [set(t["effects"]) for t in truth if t["kind"] == "single"]
+    ways = {"full": {"drag"}, "gls": set(), "ols": {"density", "force-gain"}}  # one class
+    for way, names in ways.items():
+        assert found["ablation"][way]["right"] == [sum(bool(s & names) for s in singles), 3]
+    assert {way: own["false"] for way, own in found["ablation"].items()} == {
+        "ols": [2, 2],
+        "gls": [0, 2],
+        "full": [0, 2],
+    }
     words = ["bench", "blind", "--seal", str(seal), "--score", str(out), "--key", str(key)]
     assert main(words) in (None, 0)
     assert "right class, strong singles" in capsys.readouterr().out
@@ -166,7 +178,7 @@ def test_intervals_of_rates():
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
 
-    def verdict(case):
+    def verdict(case, *, alone):
         asked.append(case)
         if len(asked) == 3:
             raise KeyboardInterrupt
@@ -179,6 +191,8 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     result = blind.run_blind(drawn / "a.json", seal, out)
     assert len(result["results"]) == 10 and len(asked) == 11
     assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
+    with pytest.raises(ValueError, match="verdicts of other probes"):
+        blind.run_blind(drawn / "a.json", seal, out, alone=True)
     monkeypatch.setattr(blind, "fingerprint", lambda: "another")
     with pytest.raises(ValueError, match="one run counts, begin another file"):
         blind.run_blind(drawn / "a.json", seal, out)

@@ -14,6 +14,7 @@ import pytest
 from form_drake.__main__ import main
 from form_drake.diagnose import Cause, Model, Scenes
 from form_drake.diagnose import diagnosed as diagnosis
+from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
@@ -115,6 +116,32 @@ def test_the_hidden_effect_stands_out(name):
     assert 0.5 < found[0].coefficient / size < 2.0  # to first order, about moduli that took a part
     assert found[0].limit < size
     assert np.allclose(np.diag(coherence(found)), 1.0)
+
+
+def test_simpler_statistics_leave_out_what_they_do_not_know():
+    """All rows alike, by a least-squares fit of the law and one effect's column to what the data leave."""
+    made = rolled(Cause(CATALOGUE["force-delay"], 4e-3, {}))
+    _, match = scored(noisy(made, 0))
+    found = {way: {s.effect.id: s for s in every} for way, every in lesser(match, EFFECTS).items()}
+    assert set(found) == {"ols", "diagonal", "gls"}
+    column = match._known["force-delay", ()]
+    squares = []
+    for columns in (match.slopes, np.column_stack([match.slopes, column])):
+        _, (square,), *_ = np.linalg.lstsq(columns, match.rest, rcond=None)
+        squares.append(square)
+    spread = squares[0] / (len(match.rest) - match.slopes.shape[1])
+    gain = (squares[0] - squares[1]) / spread
+    assert found["ols"]["force-delay"].score == pytest.approx(gain, rel=1e-6)
+    size = np.sqrt(np.concatenate([np.sum(f**2, axis=1) for f in match.by.factors]))
+    own = match.seen_by(match.by, match.rest)
+    left = [
+        match.rest
+        - match.slopes
+        @ np.linalg.lstsq(match.slopes / size[:, None], match.rest / size, rcond=None)[0]
+    ]
+    assert found["diagonal"]["force-delay"].score < np.sum((left[0] / size) ** 2)
+    assert found["gls"]["force-delay"].score < own.left @ own.left
+    assert match.left @ match.left < own.left @ own.left  # a twin has what reading costs
 
 
 def test_a_score_counts_what_a_possible_size_explains():

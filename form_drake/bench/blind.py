@@ -7,7 +7,7 @@ that was interrupted goes on where it stopped; other code does not go on in the 
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +17,8 @@ from tqdm import tqdm
 from form_drake.bench.cases import fingerprint
 from form_drake.bench.oracles import recorded, run
 from form_drake.diagnose import diagnosed, thresholds
+from form_drake.diagnose.lesser import lesser
+from form_drake.diagnose.score import Score
 from form_drake.effects import CATALOGUE
 from form_drake.files import plain, read_text, target
 from form_drake.laws import law_named
@@ -24,6 +26,7 @@ from form_drake.records import Recording, read
 
 PROBES = ("press", "shake", "heldout")
 SECONDS = 600.0  # a case takes about
+TOP = 3  # effects that are told of simpler statistics
 
 Case = Callable[[], list[Recording]]
 
@@ -105,17 +108,29 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return head, rest
 
 
-def run_blind(cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = ()) -> dict[str, Any]:
+def run_blind(
+    cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = (), alone: bool = False
+) -> dict[str, Any]:
     """Diagnose every case that has no verdict yet.
 
+    Args:
+        cases: folder of cases, or a list of seeds.
+        seal: file with the hash of the key.
+        out: file of verdicts.
+        only: parts of ids; cases that contain none of them are left out. Empty: all.
+        alone: whether the press is read without the shake.
+
     Raises:
-        ValueError: the file of verdicts is of other code or another seal.
+        ValueError: the file of verdicts is of other code, another seal or other probes.
     """
     every, head = cases_of(cases), {"code": fingerprint(), "seal": sealed(seal)}
+    head |= {"probes": "press"} if alone else {}
     out = target(out)
     if out.is_file():
         begun, results = verdicts(out)
         if begun != head:
+            if begun.get("probes") != head.get("probes"):
+                raise ValueError(f"{out}: verdicts of other probes; begin another file")
             raise ValueError(
                 f"{out}: verdicts of code {begun['code']} and seal {begun['seal'][:12]}; this is"
                 f" {head['code']} and {head['seal'][:12]}: one run counts, begin another file"
@@ -128,19 +143,19 @@ def run_blind(cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = ())
     hours = len(left) * SECONDS / 3600.0
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
     for name in tqdm(left, unit="case", disable=None, leave=False):
-        results.append(plain({"id": name, **_verdict(every[name])}))
+        results.append(plain({"id": name, **_verdict(every[name], alone=alone)}))
         with out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(results[-1]) + "\n")
     return {**head, "results": results}
 
 
-def _verdict(case: Case) -> dict[str, Any]:
+def _verdict(case: Case, *, alone: bool = False) -> dict[str, Any]:
     begun = time.perf_counter()
     try:
         press, *more = case()
         law = law_named(press.law or "neo-hookean")
         found = diagnosed(
-            [press, *more[:1]],
+            [press] if alone else [press, *more[:1]],
             law,
             effects=list(CATALOGUE.values()),
             thresholds=thresholds(),
@@ -157,13 +172,20 @@ def _verdict(case: Case) -> dict[str, Any]:
         }
         for p in told["passes"]
     ]
+    first = found.naming.passes[0].match
+    lesser_scores = lesser(first, CATALOGUE.values())
     return {
         **kept,
+        "lesser": {way: _top(every) for way, every in lesser_scores.items()},
         "named": found.naming.verdict,
         "passes": passes,
         "limits": told["passes"][0]["limits"],
         "seconds": time.perf_counter() - begun,
     }
+
+
+def _top(found: Sequence[Score]) -> dict[str, float]:
+    return {s.effect.id: float(f"{s.score:.4g}") for s in found[:TOP]}
 
 
 def table(result: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from form_drake.bench.blind import sealed, verdicts
 from form_drake.bench.blind_sizes import compared
+from form_drake.diagnose.verdict import LEAST
 from form_drake.files import read_mapping
 
 SAME = ({"force-gain", "density"}, {"yield", "hardening"})  # one column, or one class by the issue
@@ -114,6 +115,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         "sizes": sizes,
         "gap": _gaps(results, truth),
         "nulls": _nulls(results, truth),
+        "ablation": _ablation(results, truth),
         "seconds": float(np.median([one["seconds"] for one in results])) if results else None,
         "errors": [one["id"] for one in results if one["verdict"] == "error"],
     }
@@ -149,6 +151,24 @@ def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, A
     }
 
 
+def _ablation(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """By statistics: strong singles whose class scores highest, and nulls with a score above the least."""
+    counts: dict[str, Any] = {}
+    for one in results:
+        kind, (effect, *_) = truth[one["id"]]["kind"], (*truth[one["id"]]["effects"], "")
+        if kind not in ("single", "null") or not one.get("passes"):
+            continue
+        tops = {**one.get("lesser", {}), "full": one["passes"][0]["scores"]}
+        for way, found in tops.items():
+            own = counts.setdefault(way, {"right": [0, 0], "false": [0, 0]})
+            name, score = max(found.items(), key=lambda s: s[1], default=("", 0.0))
+            hit = right(effect, {"name": name, "class": []}) if effect else score > LEAST
+            tally = own["right" if effect else "false"]
+            tally[0] += bool(hit)
+            tally[1] += 1
+    return counts
+
+
 def _nulls(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, float]:
     """Largest score of every effect where nothing was hidden."""
     found: dict[str, float] = {}
@@ -173,6 +193,9 @@ def table(result: Mapping[str, Any]) -> str:
     if sizes["centres"]:
         middle = 1e3 * float(np.median(sizes["centres"]))
         lines.append(f"{'centre of inclusions, median':44} {middle:.1f} mm")
+    for way, own in result["ablation"].items():
+        rights, alarms = (f"{own[k][0]:3d} of {own[k][1]:3d}" for k in ("right", "false"))
+        lines.append(f"columns alone, {way:10} right {rights}, nulls over {LEAST:g}: {alarms}")
     lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
     lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
     return "\n".join(lines)

@@ -154,6 +154,8 @@ class Blind:
     """File of verdicts, which grows by a line for each case; default: runs/bench-blind/blind.json."""
     only: tuple[str, ...] = ()
     """Run only cases whose ids contain one of these."""
+    press_alone: bool = False
+    """Read the press without the shake; its verdicts want a file of their own."""
     score: Path | None = None
     """File of verdicts to score; no case is run."""
     key: Path | None = None
@@ -172,7 +174,7 @@ class Blind:
         if self.cases is None:
             raise ValueError("no --cases: a folder of cases, or a list of seeds")
         out = self.out or Path("runs/bench-blind/blind.json")
-        result = blind.run_blind(self.cases, self.seal, out, only=self.only)
+        result = blind.run_blind(self.cases, self.seal, out, only=self.only, alone=self.press_alone)
         emit(blind.table(result), result, as_json=self.json)
         say(f"written: {out}")
 

@@ -218,6 +218,18 @@ class Match:
         turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * steps)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
 
+    @property
+    def rest(self) -> np.ndarray:
+        """What the data leave of the law alone, no twin's rows taken off, shape [rows]."""
+        eta, theta = self.twin.coordinates(self.model.values)
+        return _rest(self.problem.rows(eta, theta), theta)
+
+    def seen_by(self, by: Weights, apart: np.ndarray) -> "Match":
+        """The same columns with other weights, and other rows left over."""
+        other = replace(self, by=by)
+        other.__dict__.update(_known=self._known, slopes=self.slopes, apart=apart)
+        return other
+
     @cached_property
     def gap(self) -> np.ndarray:
         """Whitened, shape [rows]."""

@@ -17,7 +17,7 @@ import warp as wp
 
 from form_drake.laws.kernels import strain, stress, types
 from form_drake.laws.law import Law
-from form_drake.laws.tensor import deviator, exponential, hencky, norm
+from form_drake.laws.tensor import deviator, exponential, hencky, isochoric_b, norm
 
 LARGEST = 2e-3  # strain in a stride along a history
 NEVER = 1e9  # a strain, or a rate [1/s], without bound
@@ -57,6 +57,12 @@ def forget(precision: str):
 
     @wp.func
     def function(F: t.mat, plastic: real, dt: real, c: t.vec4):
+        J = wp.determinant(F)
+        if c[1] <= real(0.0) and J > real(0.0):
+            far = norm(isochoric_b(F, J) - wp.identity(n=3, dtype=real))
+            # |log b| <= |b - I| / (1 - |b - I|), twice the strain: surely elastic
+            if far < (real(1.0) - far) * real(2.0) * (c[2] + c[3] * plastic):
+                return F, plastic
         d = deviator(measure(F))
         kept = wp.exp(-dt * c[1])
         size = kept * norm(d)
