@@ -19,6 +19,7 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
+from form_drake.diagnose.verify import Channel
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
@@ -378,3 +379,11 @@ def test_a_material_with_effects_is_not_predicted_without_them(tmp_path, capsys)
     assert main(["predict", str(tmp_path / "m.yaml"), str(tmp_path / "r.h5")]) == 2
     assert "has effects (drag)" in capsys.readouterr().err
     assert isinstance(read_material(tmp_path / "m.yaml"), Material)
+
+
+def test_what_grids_may_have_wrong_makes_no_prediction_worse():
+    channel = Channel("force", "N", before=1.0, after=1.2, floor=0.5, grid=0.0)
+    assert channel.worse and channel.closure == pytest.approx(-0.4)
+    assert not replace(channel, grid=0.4).worse  # two of these beside a twentieth of the error
+    assert not replace(channel, after=1.04).worse
+    assert not replace(channel, floor=1.2).worse  # all of it is noise

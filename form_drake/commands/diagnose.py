@@ -36,6 +36,8 @@ class Diagnose:
     """Python file with effects of your own; it is executed."""
     dx: float | None = None
     """Grid spacing of the simulated twin [m]; default: an eighth of the least edge."""
+    force: str = "sensor"
+    """Source of the force: sensor, or joint-torque where the recording has both."""
     out: Path | None = None
     """Folder to write; default: runs/diagnose."""
     device: str = "cpu"
@@ -52,8 +54,10 @@ class Diagnose:
         if not self.recording:
             raise ValueError("no recording is given: the PATH of one or more .h5 files")
         effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
-        recordings = [read(path) for path in self.recording]
-        holdout = [read(path) for path in self.holdout]
+        recordings, holdout = (
+            [read(path).measured_by(self.force) for path in paths]
+            for paths in (self.recording, self.holdout)
+        )
         start = None
         if self.material is not None:
             start = Model.of(read_material(self.material), effects)
@@ -81,7 +85,7 @@ class Diagnose:
     def _again(self, out: Path) -> str:
         """The command that diagnoses again with a further recording."""
         words = ["form-drake", "diagnose", *map(str, self.recording), "NEXT.h5"]
-        for name in ("material", "law", "effects", "dx"):
+        for name in ("material", "law", "effects", "dx", "force"):
             value = getattr(self, name)
             words += [f"--{name}", str(value)] if value is not None else []
         words += ["--device", self.device] if self.device != "cpu" else []

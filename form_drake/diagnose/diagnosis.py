@@ -16,8 +16,6 @@ from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
 
-WORSE = 1.05  # times the error before, which makes a held-out channel worse
-
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -43,7 +41,7 @@ class Diagnosis:
     def verdict(self) -> Verdict:
         """That of the naming, unless held-out motion does not improve."""
         counting = [c for c in self.channels if c.counts]
-        worse = any(c.after > WORSE * max(c.before, c.floor) for c in self.channels)
+        worse = any(c.worse for c in self.channels)
         helped = not counting or max(c.closure for c in counting) > 0.0
         if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
             return "unnamed"

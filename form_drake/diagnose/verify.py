@@ -16,6 +16,8 @@ from form_drake.weak.force import measured
 
 SEEN = 2.0  # times the floor, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
+WORSE = 1.05  # times the error before, and
+GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
 LEFT = 0.2  # of what the grid changes, which its projection leaves
 
 
@@ -43,6 +45,12 @@ class Channel:
     def counts(self) -> bool:
         """Whether the gap is clear of what the grid changes."""
         return self.before > max(SEEN * self.floor, CLEAR * LEFT * self.grid)
+
+    @property
+    def worse(self) -> bool:
+        """Whether the effects make the error larger, by more than noise and grid would."""
+        least = WORSE * max(self.before, self.floor)
+        return self.after > float(np.hypot(least, GRID * self.grid))
 
     @property
     def closure(self) -> float:
