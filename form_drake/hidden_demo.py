@@ -25,20 +25,17 @@ DX: float | None = None  # grid spacing of the twin [m]; None: chosen
 FINER = 1.25  # times as many cells along every axis as the twin's
 PRESSING, SHAKING = 1.9, 1.0  # [s]
 UNSEEN = {"seconds": 1.5, "depth": 0.09, "beat": 6.0}
-NAMES = (
+NAMES = (  # of which a press alone, here the unseen one, shows what they change
     "anisotropy",
     "camera-pose",
     "camera-scale",
-    "damping",
-    "density",
-    "drag",
     "eigenstrain",
     "force-delay",
-    "gravity-tilt",
     "inclusion",
     "relaxation",
     "stiffening",
 )
+LARGE = (0.5, 1.0)  # of the range of sizes
 FILES = ("press", "shake", "unseen")
 
 
@@ -78,7 +75,7 @@ def run_hidden_demo(
 
 def _hide(folder: Path, rng: np.random.Generator) -> None:
     """Write the recordings of a specimen, and the truth about it."""
-    hidden = Hidden.drawn(BLOCK, str(rng.choice(NAMES)), rng)
+    hidden = Hidden.drawn(BLOCK, str(rng.choice(NAMES)), rng, float(rng.uniform(*LARGE)))
     planned = (hidden.press(seconds=PRESSING), BLOCK.shake(SHAKING), hidden.press(**UNSEEN))
     for name, recording in zip(FILES, hidden.recorded(planned, FINER, rng, DX), strict=True):
         write_recording(recording, folder / f"{name}.h5")

@@ -45,6 +45,7 @@ DENSITY = Effect(
     world=lambda scene, size, shape: replace(scene, density=scene.density * (1.0 + size)),
     shown=("shake", "a balance"),
     least=-1.0,
+    trial=0.1,
 )
 
 
@@ -74,4 +75,5 @@ DRAG = Effect(
     world=lambda scene, size, shape: replace(scene, drag=scene.drag + size),
     shown=("shake",),
     signed=False,
+    trial=20.0,
 )
