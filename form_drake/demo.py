@@ -69,22 +69,22 @@ def run_demo(
     changes = [*changes, f"measure.noise={NOISE}", f"measure.sensor.noise=[{FORCE_NOISE}]"]
     changes += [f"measure.seed={seed}", f"measure.sensor.seed={seed}"]
     hidden = hidden_changes(rng)
-    say("1/5 the arm presses a soft block of hidden material (compiling kernels the first time)")
+    say("1/4 the arm presses a soft block of hidden material (compiling kernels the first time)")
     scenario = load_scenario(SCENARIO, (*changes, *hidden))
     run = prepare(scenario, shown(), View(field="stress"))
     write_recording(record(run), folder / "recording.h5")
     run.write_page(folder / "station.html")
     _pictures(run, folder)
-    say("2/5 and a second, fresh block deeper and faster, for the test of the prediction")
+    say("2/4 and a second, fresh block deeper and faster, for the test of the prediction")
     write_recording(record(prepare(held_out(scenario))), folder / "unseen.h5")
     write_text(folder / "scenario.yaml", scenario_text(SCENARIO, changes, hidden=True))
     write_json(folder / "truth.json", truth(scenario))
     del scenario, run, hidden
-    say("3/5 the law is identified from tracked points and measured force")
+    say("3/4 the law is identified from tracked points and measured force")
     answer = identify(read(folder / "recording.h5").measured_by("sensor"))
     answer.material.write(folder / "material.yaml")
     write_json(folder / "identification.json", answer.to_json())
-    say("4/5 the second press is predicted, with a first guess and with the identified material")
+    say("4/4 the second press is predicted, with a first guess and with the identified material")
     return _predicted(folder, answer, seed)
 
 

@@ -125,7 +125,7 @@ def test_simpler_statistics_leave_out_what_they_do_not_know():
     _, match = scored(noisy(made, 0))
     found = {way: {s.effect.id: s for s in every} for way, every in lesser(match, EFFECTS).items()}
     assert set(found) == {"ols", "diagonal", "gls"}
-    column = match._known["force-delay", ()]
+    column = match.raw.of(CATALOGUE["force-delay"], [{}])
     squares = []
     for columns in (match.slopes, np.column_stack([match.slopes, column])):
         _, (square,), *_ = np.linalg.lstsq(columns, match.rest, rcond=None)
@@ -387,3 +387,23 @@ def test_what_grids_may_have_wrong_makes_no_prediction_worse():
     assert not replace(channel, grid=0.4).worse  # two of these beside a twentieth of the error
     assert not replace(channel, after=1.04).worse
     assert not replace(channel, floor=1.2).worse  # all of it is noise
+
+
+def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys):
+    """As a probe of the station is recorded, whose arm feels the force as well."""
+    (stamps, still), felt = (PROBE.forces["plate"].time, PROBE.forces["plate"].value), {}
+    both = {"plate": Stream(stamps, still), "plate:joint-torque": Stream(stamps, still + 2.0)}
+    path = str(tmp_path / "probe.h5")
+    write_recording(replace(PROBE, forces=both), tmp_path / "probe.h5")
+
+    def diagnosed(recordings, law, **how):
+        felt.update({name: float(f.value.max()) for name, f in recordings[0].forces.items()})
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    out = str(tmp_path / "out")
+    for source, largest in (("sensor", 0.0), ("joint-torque", 2.0)):
+        assert main(["diagnose", path, "--out", out, "--force", source]) == 2
+        assert felt == {"plate": largest} and "far enough" in capsys.readouterr().err
+    assert main(["diagnose", path, "--out", out, "--force", "scales"]) == 2
+    assert "no force comes from scales; the recording has" in capsys.readouterr().err

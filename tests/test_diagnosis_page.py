@@ -292,6 +292,7 @@ def test_the_next_command_is_the_same_with_one_recording_more():
         holdout=(Path("a.h5"), Path("b.h5")),
         effects=Path("own.py"),
         dx=0.002,
+        force="joint-torque",
     )
     first, *words = shlex.split(own._again(Path("runs/x")))
     more = replace(own, recording=(*own.recording, Path("NEXT.h5")), out=Path("runs/x-next"))

@@ -172,15 +172,15 @@ def _verdict(case: Case, *, alone: bool = False) -> dict[str, Any]:
         }
         for p in told["passes"]
     ]
-    first = found.naming.passes[0].match
-    lesser_scores = lesser(first, CATALOGUE.values())
+    seconds = time.perf_counter() - begun
+    simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
     return {
         **kept,
-        "lesser": {way: _top(every) for way, every in lesser_scores.items()},
+        "lesser": {way: _top(every) for way, every in simpler.items()},
         "named": found.naming.verdict,
         "passes": passes,
         "limits": told["passes"][0]["limits"],
-        "seconds": time.perf_counter() - begun,
+        "seconds": seconds,
     }
 
 

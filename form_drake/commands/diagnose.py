@@ -85,9 +85,10 @@ class Diagnose:
     def _again(self, out: Path) -> str:
         """The command that diagnoses again with a further recording."""
         words = ["form-drake", "diagnose", *map(str, self.recording), "NEXT.h5"]
-        for name in ("material", "law", "effects", "dx", "force"):
+        for name in ("material", "law", "effects", "dx"):
             value = getattr(self, name)
             words += [f"--{name}", str(value)] if value is not None else []
+        words += ["--force", self.force] if self.force != "sensor" else []
         words += ["--device", self.device] if self.device != "cpu" else []
         words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
         return shlex.join([*words, "--out", f"{out}-next"])

@@ -1,6 +1,7 @@
 """What simpler statistics would have said of the same rows, for comparison.
 
-None has a twin's rows taken off, so that what reading tracks costs stands in all rows.
+None has a twin's rows taken off, so that what reading tracks costs stands in all rows. The first two
+take their scale from what the law leaves.
 """
 
 from collections.abc import Iterable
@@ -11,8 +12,6 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import Score, scores
 from form_drake.effects import Effect
 from form_drake.weak.solve import Weights
-
-WAYS = ("ols", "diagonal", "gls")
 
 
 def lesser(match: Match, effects: Iterable[Effect]) -> dict[str, list[Score]]:

@@ -12,15 +12,13 @@ from functools import cached_property
 
 import numpy as np
 
+from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Cause, Model, Scenes
-from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
-from form_drake.identify.problem import Problem, Rows
-from form_drake.identify.scene import twin_problem
+from form_drake.identify.problem import Problem
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import TINY, Weights, weights
-from form_drake.workers import mapped
 
 PAIRS = 4  # of noise draws
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
@@ -29,9 +27,6 @@ OTHER = 0.03  # of the rows, from which their noise is taken anew
 AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
-SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
-
-Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Match:
         """Simulate on the coarser grid, read, and weigh."""
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
-        twin = _twin(problem, scenes.rough, model)
+        twin = twin_of(problem, scenes.rough, model)
         by = _weighed(problem, twin, scenes, model)
         found = cls(problem, twin, by, model, scenes)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
@@ -71,13 +66,13 @@ class Match:
 
     def near(self, model: Model) -> "Match":
         """That of a model which is not far, by one coarse simulation."""
-        return replace(self, twin=_twin(self.problem, self.scenes.rough, model), model=model)
+        return replace(self, twin=twin_of(self.problem, self.scenes.rough, model), model=model)
 
     def anchored(self) -> "Match":
         """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another."""
-        finer = _twin(self.problem, self.scenes, self.model)
+        finer = twin_of(self.problem, self.scenes, self.model)
         eta, theta = self.twin.coordinates(self.model.values)
-        one, other = (_rest(p.rows(eta, theta), theta) for p in (finer, self.twin))
+        one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
         found = replace(self, grid=one - other)
         if self._moved > OTHER:
             found = replace(found, by=_weighed(self.problem, self.twin, self.scenes, self.model))
@@ -116,88 +111,14 @@ class Match:
         eta, theta = self.twin.coordinates(self.model.values)
         return float(np.linalg.norm(self.by.white(self.twin.rows(eta, theta)[0] @ theta)))
 
-    @cached_property
-    def readings(self) -> tuple[ProbeReading, ...]:
-        """Of the twin: without noise, its columns cannot be explained away by small moduli."""
-        return ProbeReading.of(self.twin, self.model.values)
-
     def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, whitened, shape [rows, shapes]."""
-        return self.by.white(self._every(effect, shapes))
-
-    def _every(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
-        self.learn([(effect, shape) for shape in shapes])
-        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
-
-    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
-        """Make what columns of effects need that is not known yet, on all cores."""
-        todo = dict[Key, tuple[Effect, Shape]]()
-        for effect, shape in wanted:
-            for key, at in self._needs(effect, shape).items():
-                if key not in self._known and key not in self.sites:
-                    todo.setdefault(key, (effect, at))
-        tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
-        if any(not effect.trial for _, (effect, _) in tasks):
-            assert self.readings  # made once for all copies
-        made = mapped(lambda one: self._made(*one[1]), tasks, fork=self.scenes.fork)
-        for (key, (effect, _)), column in zip(tasks, made, strict=True):
-            (self.sites if _placed(effect) else self._known)[key] = column
-
-    def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
-        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly.
-
-        These have the radius that was tried first: what is so small is felt as a point.
-        """
-        if not _placed(effect):
-            return {(effect.id, tuple(shape.items())): shape}
-        body = self.problem.probes[0].body
-        found = dict[Key, Shape]()
-        for corner in np.ndindex(2, 2, 2):
-            place = body.low + (body.high - body.low) * np.take(SITES, corner)
-            there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
-            found[effect.id, corner] = there
-        return found
-
-    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
-        if not _placed(effect):
-            return self._known[effect.id, tuple(shape.items())]
-        body = self.problem.probes[0].body
-        size = body.high - body.low
-        at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
-        part = at / (SITES[1] - SITES[0])
-        corners = np.ndindex(2, 2, 2)
-        sites = [
-            float(np.prod(np.where(c, part, 1.0 - part))) * self.sites[effect.id, c]
-            for c in corners
-        ]
-        return np.asarray(np.sum(sites, axis=0))
+        return self.by.white(self.raw.of(effect, shapes))
 
     @cached_property
-    def _known(self) -> dict[Key, np.ndarray]:
-        return {}
-
-    def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
-        if effect.trial:
-            return self._changed(effect, shape)
-        assert effect.column is not None
-        return np.concatenate([effect.column(reading, shape) for reading in self.readings])
-
-    def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
-        """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
-        probes = self.problem.probes
-        meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
-        scenes = self.scenes.only(meant).rough
-        one, other = (
-            replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
-            for p in (self.twin, self.problem)
-        )
-        other = _twin(other, scenes, self.model.more(effect, effect.trial, shape))
-        eta, theta = self.twin.coordinates(self.model.values)
-        change = _rest(other.rows(eta, theta), theta) - _rest(one.rows(eta, theta), theta)
-        lengths = [int(p.keep.sum()) for p in probes]
-        found = np.zeros(sum(lengths))
-        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
-        return found
+    def raw(self) -> Columns:
+        """What effects change of the twin, not whitened."""
+        return Columns(self.problem, self.twin, self.model, self.scenes, self.sites)
 
     @cached_property
     def explained(self) -> np.ndarray:
@@ -208,26 +129,25 @@ class Match:
     def slopes(self) -> np.ndarray:
         """The same, not whitened."""
         own = self.twin.jacobian(*self.twin.coordinates(self.model.values))
-        self.learn([(c.effect, shape) for c in self.model.causes for shape in c.beside])
+        self.raw.learn([(c.effect, shape) for c in self.model.causes for shape in c.beside])
         return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
 
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
-        effect, steps, shapes = cause.effect, cause.steps, cause.beside
-        columns = np.stack([self._column(effect, shape) for shape in shapes], axis=1)
-        turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * steps)
+        columns = self.raw.of(cause.effect, cause.beside)
+        turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * cause.steps)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
 
     @property
     def rest(self) -> np.ndarray:
         """What the data leave of the law alone, no twin's rows taken off, shape [rows]."""
         eta, theta = self.twin.coordinates(self.model.values)
-        return _rest(self.problem.rows(eta, theta), theta)
+        return rest_of(self.problem.rows(eta, theta), theta)
 
     def seen_by(self, by: Weights, apart: np.ndarray) -> "Match":
         """The same columns with other weights, and other rows left over."""
         other = replace(self, by=by)
-        other.__dict__.update(_known=self._known, slopes=self.slopes, apart=apart)
+        other.__dict__.update(raw=self.raw, slopes=self.slopes, apart=apart)
         return other
 
     @cached_property
@@ -243,12 +163,12 @@ class Match:
         twin: that is the mean over pairs of draws of opposite sign.
         """
         eta, theta = self.twin.coordinates(self.model.values)
-        data, own = (_rest(p.rows(eta, theta), theta) for p in (self.problem, self.twin))
+        data, own = (rest_of(p.rows(eta, theta), theta) for p in (self.problem, self.twin))
         shift, count, rng = np.zeros(len(own)), 0, np.random.default_rng(0)
         for _ in range(PAIRS):
             drawn = [probe.drawn(rng) for probe in self.problem.probes]
             made = [self.twin.coarser.disturbed(eta, drawn, share) for share in (0.0, 1.0, -1.0)]
-            still, *both = (_rest(one, theta) for one in made if one is not None)
+            still, *both = (rest_of(one, theta) for one in made if one is not None)
             if len(both) == 2:
                 shift += np.mean(both, axis=0) - still
                 count += 1
@@ -300,11 +220,6 @@ class Match:
         return replace(self.model, causes=tuple(causes))
 
 
-def _placed(effect: Effect) -> bool:
-    """Whether its columns are simulated at some places and taken evenly between them."""
-    return bool(effect.trial) and "radius" in effect.shapes
-
-
 def layer_error(probe: Probe, dx: float) -> np.ndarray:
     """Covariance of what a simulation has wrong of the layers at held faces, of all rows.
 
@@ -329,15 +244,3 @@ def _weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> W
     pairs = zip(noise, twin.probes, scenes.dx, strict=True)
     noise = [n + layer_error(p, dx) for n, p, dx in pairs]
     return weights(noise, np.ones(sum(map(len, noise))), 0.0)
-
-
-def _twin(problem: Problem, scenes: Scenes, model: Model) -> Problem:
-    """A simulation of scenes, read as those of a problem."""
-    return twin_problem(
-        problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
-    )
-
-
-def _rest(rows: Rows, theta: np.ndarray) -> np.ndarray:
-    A, b = rows
-    return np.asarray(b - A @ theta)

@@ -69,7 +69,7 @@ def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
     body = bodies[0]
     fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
     tried = {e.id: (e, shapes(e, body)) for e in fitting}
-    match.learn([(e, shape) for e, every in tried.values() for shape in every])
+    match.raw.learn([(e, shape) for e, every in tried.values() for shape in every])
     found = (scored(match, *one) for one in tried.values())
     return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)
 

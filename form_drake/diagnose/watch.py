@@ -8,14 +8,13 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.stats import chi2
 
+from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.verify import GRID, tracking_noise
 from form_drake.records import Recording, Stream
 from form_drake.weak.force import jitter
 
 WINDOW = 0.1  # [s]
-RARE = 1e-3  # chance that noise alone reaches the limit of a window
-RUNNING = 2  # windows in a row that exceed it
 AMISS = 0.02  # of what is predicted, which moduli may have wrong
 
 

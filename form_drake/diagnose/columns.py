@@ -1,0 +1,136 @@
+"""What effects change of a twin: by its motion, or as a difference of simulations."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.reading import ProbeReading
+from form_drake.effects import Effect, Shape
+from form_drake.identify.problem import Problem, Rows
+from form_drake.identify.scene import twin_problem
+from form_drake.workers import mapped
+
+SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
+
+Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of effects beside one twin; each is made once.
+
+    Attributes:
+        problem: probes of the data.
+        twin: the same of the simulation.
+        model: that it was simulated with.
+        scenes: of the recordings.
+        sites: what effects that are simulated at places change there, by id and place; also from
+            other twins of the same scenes.
+    """
+
+    problem: Problem
+    twin: Problem
+    model: Model
+    scenes: Scenes
+    sites: dict[Key, np.ndarray]
+
+    @cached_property
+    def readings(self) -> tuple[ProbeReading, ...]:
+        """Of the twin: without noise, its columns cannot be explained away by small moduli."""
+        return ProbeReading.of(self.twin, self.model.values)
+
+    def of(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        """An effect's columns, in rows of A theta - b, shape [rows, shapes]."""
+        self.learn([(effect, shape) for shape in shapes])
+        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
+
+    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+        """Make what columns of effects need that is not known yet, on all cores."""
+        todo = dict[Key, tuple[Effect, Shape]]()
+        for effect, shape in wanted:
+            for key, at in self._needs(effect, shape).items():
+                if key not in self._known and key not in self.sites:
+                    todo.setdefault(key, (effect, at))
+        tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
+        if any(not effect.trial for _, (effect, _) in tasks):
+            assert self.readings  # made once for all copies
+        made = mapped(lambda one: self._made(*one[1]), tasks, fork=self.scenes.fork)
+        for (key, (effect, _)), column in zip(tasks, made, strict=True):
+            (self.sites if _placed(effect) else self._known)[key] = column
+
+    def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
+        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly.
+
+        These have the radius that was tried first: what is so small is felt as a point.
+        """
+        if not _placed(effect):
+            return {(effect.id, tuple(shape.items())): shape}
+        body = self.problem.probes[0].body
+        found = dict[Key, Shape]()
+        for corner in np.ndindex(2, 2, 2):
+            place = body.low + (body.high - body.low) * np.take(SITES, corner)
+            there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
+            found[effect.id, corner] = there
+        return found
+
+    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
+        if not _placed(effect):
+            return self._known[effect.id, tuple(shape.items())]
+        body = self.problem.probes[0].body
+        size = body.high - body.low
+        at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
+        part = at / (SITES[1] - SITES[0])
+        corners = np.ndindex(2, 2, 2)
+        sites = [
+            float(np.prod(np.where(c, part, 1.0 - part))) * self.sites[effect.id, c]
+            for c in corners
+        ]
+        return np.asarray(np.sum(sites, axis=0))
+
+    @cached_property
+    def _known(self) -> dict[Key, np.ndarray]:
+        return {}
+
+    def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
+        if effect.trial:
+            return self._changed(effect, shape)
+        assert effect.column is not None
+        return np.concatenate([effect.column(reading, shape) for reading in self.readings])
+
+    def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
+        """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
+        probes = self.problem.probes
+        meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
+        scenes = self.scenes.only(meant).rough
+        one, other = (
+            replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
+            for p in (self.twin, self.problem)
+        )
+        other = twin_of(other, scenes, self.model.more(effect, effect.trial, shape))
+        eta, theta = self.twin.coordinates(self.model.values)
+        change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
+        lengths = [int(p.keep.sum()) for p in probes]
+        found = np.zeros(sum(lengths))
+        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
+        return found
+
+
+def _placed(effect: Effect) -> bool:
+    """Whether its columns are simulated at some places and taken evenly between them."""
+    return bool(effect.trial) and "radius" in effect.shapes
+
+
+def twin_of(problem: Problem, scenes: Scenes, model: Model) -> Problem:
+    """A simulation of scenes, read as those of a problem."""
+    return twin_problem(
+        problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
+    )
+
+
+def rest_of(rows: Rows, theta: np.ndarray) -> np.ndarray:
+    """b - A theta."""
+    A, b = rows
+    return np.asarray(b - A @ theta)
