@@ -23,7 +23,7 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
         fork: whether the process may be copied; one that uses a GPU may not.
 
     Raises:
-        Exception: what a task raises.
+        Exception: what the first task in order raises that fails.
     """
     todo = list(items)
     count = min(len(todo), len(os.sched_getaffinity(0)))
@@ -31,7 +31,7 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
         return [task(item) for item in todo]
     context = multiprocessing.get_context("fork")
     with context.Pool(count, _begin, (task, todo)) as pool:
-        return pool.map(_done, range(len(todo)), chunksize=1)
+        return list(pool.imap(_done, range(len(todo))))
 
 
 def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:
