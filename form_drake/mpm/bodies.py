@@ -23,7 +23,7 @@ def block(centre: Sequence[float], size: Sequence[float], spacing: float, densit
     axes = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
     unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     volume = np.full(len(unit), float(np.prod(size)) / len(unit))
-    return Body(np.asarray(centre) + unit * size, volume, density)
+    return Body(np.asarray(centre) + unit * size, volume, density, size / counts)
 
 
 def rigid_velocity(x: np.ndarray, v: ArrayLike, omega: ArrayLike) -> np.ndarray:

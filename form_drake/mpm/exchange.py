@@ -14,7 +14,7 @@ from form_drake.mpm.tools import Motions, Tool
 from form_drake.records.solver import Gradient, Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
-LAYER = 1.8  # of the same, within which particles are tied: the first layer, whatever its spacing
+LAYER = 1.8  # of half a particle, within which particles are tied: the first layer, whatever its spacing
 EDGE = 3  # cells of the grid beyond the region that particles may visit
 
 
@@ -52,6 +52,7 @@ class Scene:
         mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
             time steps.
         memories: of the bodies, see ``form_drake.laws.memory``.
+        total: see ``Simulation``; the region is then that of the bodies at rest.
         gradient: of the solver, see ``form_drake.records.Solver``.
         precision: ``float32`` or ``float64``.
         device: Warp device.
@@ -71,6 +72,7 @@ class Scene:
         gravity: np.ndarray,
         mass_scale: float = 1.0,
         memories: Sequence[Memory] = (),
+        total: bool = False,
         gradient: Gradient = "exact",
         precision: str = "float32",
         device: str = "cpu",
@@ -104,6 +106,7 @@ class Scene:
             moved,
             tools=tools,
             memories=memories,
+            total=total,
             device=device,
         )
         self._layers: dict[int, Layer] = {}
@@ -116,15 +119,18 @@ class Scene:
 
     def tie(self, motions: Motions) -> None:
         """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it."""
-        radius = 0.5 * np.cbrt(self.simulation.body.volume)
+        half = self.simulation.body.half
         tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
         knots = np.zeros((*tied.shape, 3))
         self._layers = {}
         for n, tool in enumerate(self.tools):
             if tool.contact == "tied":
                 local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
-                tied[n] = tool.solid.distance(local) < LAYER * radius
-                knots[n] = local - radius[:, None] * np.array([0.0, 0.0, 1.0])
+                normal = motions.R_WT[n][:, 2]
+                depth = np.linalg.norm(half * normal, axis=1)
+                tied[n] = tool.solid.distance(local) < LAYER * depth
+                to = half**2 * normal / depth[:, None]
+                knots[n] = local - to @ motions.R_WT[n]
                 own = np.flatnonzero(tied[n])
                 self._layers[n] = Layer.of(own, local[own, :2], self.simulation.solver.dx)
         self.simulation.tools.tie(tied, knots)

@@ -18,16 +18,24 @@ class Body:
         x: positions at rest [m], shape [particles, 3].
         volume: reference volumes [m^3], shape [particles].
         density: reference density [kg/m^3]; of joined bodies one for each particle.
+        edges: of the boxes at rest that particles stand for [m], shape [3] or [particles, 3]; None: cubes.
     """
 
     x: np.ndarray
     volume: np.ndarray
     density: float | np.ndarray
+    edges: np.ndarray | None = None
 
     @property
     def mass(self) -> np.ndarray:
         """Of every particle [kg], shape [particles]."""
         return np.broadcast_to(self.volume, len(self.x)) * self.density
+
+    @property
+    def half(self) -> np.ndarray:
+        """Half the edges of the boxes [m], shape [particles, 3]."""
+        edges = np.cbrt(self.volume)[..., None] if self.edges is None else self.edges
+        return 0.5 * np.broadcast_to(edges, (len(self.x), 3))
 
 
 def joined(bodies: Sequence[Body]) -> Body:
@@ -36,7 +44,8 @@ def joined(bodies: Sequence[Body]) -> Body:
         return bodies[0]
     density = np.concatenate([np.full(len(b.x), b.density) for b in bodies])
     volume = np.concatenate([np.broadcast_to(b.volume, len(b.x)) for b in bodies])
-    return Body(np.concatenate([b.x for b in bodies]), volume, density)
+    edges = 2.0 * np.concatenate([b.half for b in bodies])
+    return Body(np.concatenate([b.x for b in bodies]), volume, density, edges)
 
 
 @dataclass(frozen=True)
@@ -54,6 +63,7 @@ class State:
         step: steps made so far.
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].
+        T: deformation gradients since rest, of a grid over the rest shape, shape [particles, 3, 3].
     """
 
     x: np.ndarray
@@ -66,6 +76,7 @@ class State:
     step: int = 0
     parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    T: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
 def stable_dt(

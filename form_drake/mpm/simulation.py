@@ -14,7 +14,7 @@ from form_drake.laws.memory import Memory, remember, vectors
 from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
-from form_drake.mpm.transfer import g2p, p2g
+from form_drake.mpm.transfer import g2p, p2g, pulled
 from form_drake.mpm.walls import fold_kernels, fold_tables, grid_step, separating_bounds
 from form_drake.records.solver import Solver
 
@@ -22,6 +22,7 @@ __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
 
 GRAPH_STEPS = 20
 GRAPHS = (GRAPH_STEPS, 4, 1)  # steps that one launch makes
+FAR = 1e6  # [m]
 
 _capture_lock = threading.Lock()
 
@@ -39,6 +40,8 @@ class Simulation:
         body: one or several; their particles are held one body after the other.
         tools: that touch or hold the particles.
         memories: of the bodies, whose laws are then elastic ones.
+        total: whether the grid is laid over the rest shape, as suits solids that stay one piece; then
+            without walls and bonded tools.
         device: Warp device.
 
     Several simulations may run in as many threads, since Warp releases the interpreter lock while
@@ -53,22 +56,26 @@ class Simulation:
         *,
         tools: Sequence[Tool] = (),
         memories: Sequence[Memory] = (),
+        total: bool = False,
         device: str = "cpu",
     ):
         self.solver, self.device, self.memories = solver, device, tuple(memories)
+        self.total = total
         self.laws = (law,) if isinstance(law, Law) else tuple(law)
         self.bodies = (body,) if isinstance(body, Body) else tuple(body)
         if len(self.laws) != len(self.bodies) or not self.bodies:
             raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
         if memories and any(law.flow != "elastic" for law in self.laws):
             raise ValueError(f"{self.laws[0].name} remembers: only elastic laws can")
+        if total and (solver.walls or any(tool.contact == "bonded" for tool in tools)):
+            raise ValueError("a grid over the rest shape meets no walls and no bonded tools")
         self.body = joined(self.bodies)
-        self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device)
+        self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device, total)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
         self._kernels = (
             p2g(solver.gradient, solver.precision),
-            g2p(solver.gradient, solver.precision),
+            g2p(solver.gradient, solver.precision, total),
         )
         self._values: list[dict[str, float] | None] = [None] * len(self.bodies)
         self._dt = 0.0
@@ -87,13 +94,18 @@ class Simulation:
         volume = self.body.volume
         self._mass = self._array(self.body.mass, t.real)
         self._volume = self._array(volume, t.real)
-        self._radius = self._array(0.5 * np.cbrt(volume), t.real)
+        self._half = self._array(self.body.half, t.vec3)
         self._x = self._array(self.body.x, t.vec3)
         self._v = wp.zeros_like(self._x)
         self._C = wp.zeros(n, dtype=t.mat, device=self.device)
-        self._L = self._C if solver.gradient == "mls" else wp.zeros_like(self._C)
+        own = self.total or solver.gradient == "exact"
+        self._L = wp.zeros_like(self._C) if own else self._C
         self._F = self._array(np.tile(np.eye(3), (n, 1, 1)), t.mat)
         self._tau = wp.zeros_like(self._C)
+        self._place, self._T, self._flux = self._x, self._F, self._tau
+        if self.total:
+            self._place, self._T = wp.clone(self._x), wp.clone(self._F)
+            self._flux = wp.zeros_like(self._tau)
         count = len(self.memories)
         self._parts = wp.zeros((count, n), dtype=t.mat, device=self.device)
         self._plastic = wp.zeros((count, n), dtype=t.real, device=self.device)
@@ -113,6 +125,8 @@ class Simulation:
         self._low, self._high = t.vec3(*([edge] * 3)), t.vec3(*(extent - edge))
         if solver.margin is None:
             self._high = t.vec3(*(extent - 1.5 * solver.dx))
+        if self.total:  # moves freely
+            self._low, self._high = t.vec3(*([-FAR] * 3)), t.vec3(*([FAR] * 3))
         low, high = separating_bounds(solver)
         self._bounds = wp.vec3i(*(int(i) for i in low)), wp.vec3i(*(int(i) for i in high))
         self._folds = {
@@ -158,6 +172,8 @@ class Simulation:
         C = state.get("C", zero)
         F = state.get("F", eye)
         self._write(x=x, v=v, C=C, L=state.get("L", C), F=F)
+        if self.total:
+            self._write(T=state.get("T", eye))
         if self.memories:
             self._write(parts=np.tile(F, (len(self.memories), 1, 1, 1)))
             self._plastic.zero_()
@@ -179,6 +195,7 @@ class Simulation:
     def _kept(self) -> tuple[str, ...]:
         """Arrays of the particles that a snapshot holds."""
         kept = ("x", "v", "C", "L", "F", "tau")
+        kept += ("T",) if self.total else ()
         return (*kept, "parts", "plastic") if self.memories else kept
 
     def state(self) -> State:
@@ -266,17 +283,19 @@ class Simulation:
             self._launch(
                 decay(self.solver.precision), n, [self._clock, self._damping, self._v, self._C]
             )
-            moved = [self._x, self._v, self._C, self._F]
-            self.tools.push(self._clock, dx, *moved, self._mass, self._radius)
-        particles = [self._x, self._v, self._C, self._tau, self._mass, self._volume]
+            moved = [self._x, self._v, self._C, self._T]
+            self.tools.push(self._clock, dx, *moved, self._mass, self._half)
+        if self.total:
+            self._launch(pulled(self.solver.precision), n, [self._tau, self._T, self._flux])
+        particles = [self._place, self._v, self._C, self._flux, self._mass, self._volume]
         self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
         self._launch_walls()
         if self.tools.tools:
             self.tools.hold(self._clock, dx, self._nodes, self._grid)
         held = self.solver.margin is not None
         domain = [self._grid, self._clock, dx, self._nodes, self._low, self._high, held]
-        moved = [self._x, self._v, self._C, self._L, self._F, self._fault, self._steps]
-        self._launch(gather, n, [*domain, *moved])
+        moved = [self._x, self._v, self._C, self._L, self._F, self._T]
+        self._launch(gather, n, [*domain, self._place, *moved, self._fault, self._steps])
         self._launch_update()
 
     def _recorded(self, steps: int):

@@ -25,9 +25,8 @@ from form_drake.records.solver import Gradient
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
 SETTLING = 0.15  # time [s] that the body is given to come to rest
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
-ROOM = 0.4  # of the body's size, left around it
-# What a plate gives a particle off its middle is what the force of this gradient balances; the spline's
-# own lets layers that have crossed rows of nodes under a plate collapse in turn, from 5 % on.
+# What a plate gives a particle off its middle is what the force of this gradient balances: five cells
+# of a block bear .7 % less than they should, and by the spline's own 15 %.
 GRADIENT: Gradient = "mls"
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
@@ -59,6 +58,11 @@ class Stage:
     def _shape(self) -> Shape:
         return body(self.recording)
 
+    @property
+    def spacing(self) -> float:
+        """Of the grid [m]: near ``dx``, so that bonded faces lie half-way between nodes."""
+        return self._grid(self._shape, self._held(self._shape))[0]
+
     def rolled(self, world: World) -> Recording:
         """The recording with points and forces of the simulation in place of the measured ones.
 
@@ -76,19 +80,18 @@ class Stage:
         shape = self._shape
         held = self._held(shape)
         paths = [_Path.of(self.recording, shape, face) for face in held]
-        dx, halfway = self._grid(held, paths)
+        dx, halfway = self._grid(shape, held)
         bodies = self._bodies(world, shape, dx)
-        size = shape.high - shape.low
-        room = ROOM * size + max((float(np.abs(p.travel).max()) for p in paths), default=0.0)
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
             [_tool(face) for face in held],
-            region=region_around(np.stack([shape.low, shape.high]), room, dx, halfway),
+            region=region_around(np.stack([shape.low, shape.high]), np.zeros(3), dx, halfway),
             dx=dx,
             gravity=world.gravity,
             mass_scale=self.recording.mass_scale,
             memories=world.memories,
+            total=True,
             gradient=GRADIENT,
             precision=self.precision,
             device=self.device,
@@ -119,22 +122,21 @@ class Stage:
                 )
         return [f for f in shape.faces if f.condition != "free"]
 
-    def _grid(self, held: list[Face], paths: "list[_Path]") -> tuple[float, dict[int, float]]:
+    def _grid(self, shape: Shape, held: list[Face]) -> tuple[float, dict[int, float]]:
         """A spacing near ``dx`` [m], and places half-way between nodes [m], by axis.
 
-        How stiff a bonded layer is depends on where it lies between rows of nodes: so the planes of
-        bonded faces lie half-way at the middle of their ways, both of a pair if there is one.
+        How stiff a bonded layer is depends on where it lies between rows of nodes: so bonded faces lie
+        half-way, both of a pair if there is one.
         """
         dx, places = self.dx, dict[int, float]()
-        for face, path in zip(held, paths, strict=True):
+        for face in held:
             if face.condition != "bonded":
                 continue
-            middle = path.middle(face)
             if face.axis in places:
-                apart = abs(middle - places[face.axis])
+                apart = float((shape.high - shape.low)[face.axis])
                 dx = apart / max(round(apart / self.dx), 1)
             else:
-                places[face.axis] = middle
+                places[face.axis] = float((shape.low, shape.high)[face.side][face.axis])
         return dx, places
 
     def _bodies(self, world: World, shape: Shape, dx: float) -> list[tuple[Material, Body]]:
@@ -153,9 +155,8 @@ class Stage:
         for f in np.unique(factor):
             stiffer = {t.key: float(f) * world.values[t.key] for t in world.law.terms}
             own = factor == f
-            found.append(
-                (plain.changed(stiffer), Body(whole.x[own], whole.volume[own], density[own]))
-            )
+            part = Body(whole.x[own], whole.volume[own], density[own], whole.edges)
+            found.append((plain.changed(stiffer), part))
         return found
 
 
@@ -291,12 +292,6 @@ class _Path:
         turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
         place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
         return cls(face.tool, p, first[:3, :3].T @ R, place, turn, X[:, :3, 3] - first[:3, 3])
-
-    def middle(self, face: Face) -> float:
-        """Coordinate along the face's axis at the middle of its way [m]."""
-        way = self.travel[:, face.axis]
-        place, _ = self.at(np.zeros(1))
-        return float(place[0, face.axis] + 0.5 * (way.min() + way.max()))
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""

@@ -90,8 +90,15 @@ class Motions:
 class Tools:
     """The tools of one simulation on its device: where they are, and what they have been given."""
 
-    def __init__(self, tools: tuple[Tool, ...], particles: int, precision: str, device: str):
-        self.tools, self.device, self._precision = tools, device, precision
+    def __init__(
+        self,
+        tools: tuple[Tool, ...],
+        particles: int,
+        precision: str,
+        device: str,
+        total: bool = False,
+    ):
+        self.tools, self.device, self._precision, self._total = tools, device, precision, total
         t = types(precision)
         n = len(tools)
         self._dtype = np.float32 if precision == "float32" else np.float64
@@ -151,17 +158,17 @@ class Tools:
     def slip(self, value: np.ndarray) -> None:
         self._slip.assign(np.ascontiguousarray(value, dtype=self._dtype))
 
-    def push(self, clock, dx, x, v, C, F, mass, radius) -> None:
+    def push(self, clock, dx, x, v, C, T, mass, half) -> None:
         """Launch what the touching tools do to the particles before a step."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
             if tool.contact == "tied":
                 inputs = [n, *self._where(), clock, self._grip, self._tied, self._knot]
-                inputs += [dx, x, v, C, F, mass, radius, self._slip, self._taken]
-                wp.launch(tie(self._precision), len(x), inputs, device=self.device)
+                inputs += [dx, x, v, C, T, mass, half, self._slip, self._taken]
+                wp.launch(tie(self._precision, self._total), len(x), inputs, device=self.device)
             elif tool.contact != "bonded":
                 inputs = [n, solid, *self._where(), clock, self._grip]
-                inputs += [dx, x, v, C, F, mass, radius, self._slip, self._taken]
-                wp.launch(contact(self._precision), len(x), inputs, device=self.device)
+                inputs += [dx, x, v, C, T, mass, half, self._slip, self._taken]
+                wp.launch(contact(self._precision, self._total), len(x), inputs, device=self.device)
 
     def hold(self, clock, dx, nodes, grid) -> None:
         """Launch what the bonded tools do to the nodes after forces, then carry all tools on."""

@@ -1,6 +1,6 @@
 """Kernels of what rigid tools and the material give each other.
 
-A tool pushes particles before they are scattered: a particle of which the ball of its radius reaches
+A tool pushes particles before they are scattered: a particle of which the ball of its size reaches
 into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, pulling only
 where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
 gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
@@ -8,9 +8,10 @@ bonded tool prescribes the velocity of the grid nodes inside it; a tied one hold
 are tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
 material is taken from the tool, so that momentum is kept to round-off.
 
-Tied particles, and those under a grip with a lever, are held where they touch: at the end r F N of the
-particle, N = F^T n / |F^T n|, whose impulse gives it an affine motion too. What bears a load needs no
-depth there: depths add up (the integral term of a controller) until none is left.
+Tied particles, and those under a grip with a lever, are held where they touch: at the end T H a of the
+particle, a = H T^T n / |H T^T n|, where H has half its edges on the diagonal and T is its deformation;
+the impulse there gives it an affine motion too. What bears a load needs no depth: depths add up (the
+integral term of a controller) until none is left.
 """
 
 from functools import cache
@@ -23,7 +24,7 @@ from form_drake.mpm.solids import distance, solid_type
 # Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
 # load, a small one is a soft surface; 1 lets what hits the tool bounce back.
 BETA = 0.75
-LEARN = 0.01  # share of its depth that a step adds to what pushes a particle at no depth
+LEARN = 0.03  # share of its depth that a step adds to what pushes a particle at no depth
 REACH = 2e-4  # [m] off a tool at which adhesion ends
 
 
@@ -40,12 +41,28 @@ def _give(precision: str):
     return give
 
 
+def _box(precision: str):
+    """Warp functions of a particle's box, of half edges h: area across, and end along a direction at rest."""
+    t = types(precision)
+
+    @wp.func
+    def section(h: t.vec3, a: t.vec3):
+        return t.real(4.0) * h[0] * h[1] * h[2] / wp.length(wp.cw_mul(h, wp.normalize(a)))
+
+    @wp.func
+    def end(h: t.vec3, a: t.vec3):
+        return wp.cw_mul(h, wp.normalize(wp.cw_mul(h, a)))
+
+    return section, end
+
+
 @cache
-def contact(precision: str):
+def contact(precision: str, total: bool = False):
     """Kernel of the impulses between the particles and one tool."""
     t = types(precision)
     real, vec3 = t.real, t.vec3
     far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+    section, end = _box(precision)
     beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -62,9 +79,9 @@ def contact(precision: str):
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
-        F: wp.array(dtype=t.mat),
+        T: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
-        radius: wp.array(dtype=real),
+        half: wp.array(dtype=vec3),
         slip: wp.array2d(dtype=vec3),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
@@ -73,10 +90,11 @@ def contact(precision: str):
         near = far(solid, wp.transpose(turn[n]) * r)
         grip = grips[n]
         normal = turn[n] * vec3(near[0], near[1], near[2])
-        half = radius[p]
+        edge = half[p]
+        ahead = wp.cbrt(edge[0] * edge[1] * edge[2])
         if grip[3] > real(0.0):
-            half = half * wp.length(wp.transpose(F[p]) * normal)
-        depth = half - near[3]
+            ahead = wp.length(wp.cw_mul(edge, wp.transpose(T[p]) * normal))
+        depth = ahead - near[3]
         dt = clock[0][0]
         reach = real(0.0)
         if grip[1] > real(0.0):
@@ -93,7 +111,7 @@ def contact(precision: str):
         push = beta * (depth + borne) / dt - along
         pull = real(0.0)
         if reach > real(0.0):
-            whole = real(4.0) * radius[p] * radius[p] * grip[1] * dt / mass[p]
+            whole = section(edge, wp.transpose(T[p]) * normal) * grip[1] * dt / mass[p]
             pull = whole * wp.min(real(1.0) + depth / reach, real(1.0))
         if push <= real(0.0):
             slip[n, p] = borne * normal
@@ -115,22 +133,27 @@ def contact(precision: str):
         v[p] = v[p] + change
         # the affine motion that an impulse off the middle of a particle amounts to
         arm = vec3()
+        lever = vec3()
         if grip[3] > real(0.0):
-            arm = -half * normal
-        C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * arm)
+            arm = -ahead * normal
+            lever = arm
+            if wp.static(total):
+                lever = -end(edge, wp.transpose(T[p]) * normal)
+        C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * lever)
         give(taken, n, r + arm, -mass[p] * change)
 
     return kernel
 
 
 @cache
-def tie(precision: str):
+def tie(precision: str, total: bool = False):
     """Kernel that holds the faces of the particles that are tied to one tool where they were tied.
 
     They may be tied by a layer that shears.
     """
     t = types(precision)
     real, vec3, give = t.real, t.vec3, _give(precision)
+    section, end = _box(precision)
     beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -148,9 +171,9 @@ def tie(precision: str):
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
-        F: wp.array(dtype=t.mat),
+        T: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
-        radius: wp.array(dtype=real),
+        half: wp.array(dtype=vec3),
         slip: wp.array2d(dtype=vec3),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
@@ -160,12 +183,16 @@ def tie(precision: str):
             return
         r = x[p] - place[n]
         normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
-        arm = F[p] * wp.normalize(wp.transpose(F[p]) * normal)
-        arm = -radius[p] * arm
+        edge = half[p]
+        back = wp.transpose(T[p]) * normal
+        lever = -end(edge, back)
+        arm = T[p] * lever
+        if wp.static(not total):
+            lever = arm
         gone = r + arm - turn[n] * knot[n, p]
         u = v[p] - speed[n] - wp.cross(spin[n], r)
         # the layer bears along the surface what a depth of its slip / soft would
-        soft = beta * grips[n][2] * mass[p] / (real(4.0) * radius[p] * radius[p] * dt * dt)
+        soft = beta * grips[n][2] * mass[p] / (section(edge, back) * dt * dt)
         stiff = real(1.0) / (real(1.0) + soft)
         across = wp.dot(normal, gone) * normal
         along = stiff * (gone - across)
@@ -176,7 +203,7 @@ def tie(precision: str):
         wanted = first + stiff * (u - first) + (beta / dt) * (across + along + borne)
         slip[n, p] = borne
         v[p] = v[p] - wanted
-        C[p] = C[p] - wp.outer(wanted, real(4.0) / (dx * dx) * arm)
+        C[p] = C[p] - wp.outer(wanted, real(4.0) / (dx * dx) * lever)
         give(taken, n, r + arm, mass[p] * wanted)
 
     return kernel

@@ -4,6 +4,9 @@ The grid holds (momentum, mass) in one ``vec4`` per node; after the grid step (v
 Loops over the 27 nodes are factored: what depends on one axis is summed along that axis first.
 ``exact`` uses the spline gradient for force and velocity gradient (the paper's eqs. 6 and 7);
 ``mls`` uses 4/dx^2 w (x_i - x_p), the gradient of the moving-least-squares MPM (Hu et al. 2018).
+
+Where the grid is laid over the rest shape (``total``; de Vaucorbeil et al. 2020), the places of the
+particles there give weights and gradients, which never change, and the stress is pulled back to it.
 """
 
 from functools import cache
@@ -172,11 +175,26 @@ def _advance(precision: str):
 
 
 @cache
-def g2p(gradient: str, precision: str):
+def pulled(precision: str):
+    """Kernel (Kirchhoff stress tau, T) -> tau T^-T, whose flux goes through areas at rest."""
+    t = types(precision)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(tau: wp.array(dtype=t.mat), T: wp.array(dtype=t.mat), out: wp.array(dtype=t.mat)):
+        p = wp.tid()
+        out[p] = tau[p] * wp.transpose(wp.inverse(T[p]))
+
+    return kernel
+
+
+@cache
+def g2p(gradient: str, precision: str, total: bool = False):
     """Kernel that gathers v, C and L, steps F to its trial value and moves the particles.
 
-    For ``mls`` L is C and its array is not written. ``fault`` receives the first particle that is
-    not finite or leaves the domain, and the step.
+    Weights are those of ``place``. For ``mls`` L is C and its array is not written, unless ``total``:
+    then C and the gathered gradient are those over the rest shape, whose whole deformation T is
+    stepped too. ``fault`` receives the first particle that is not finite or leaves the domain, and
+    the step.
     """
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
@@ -200,18 +218,20 @@ def g2p(gradient: str, precision: str):
         low: vec3,
         high: vec3,
         held: wp.bool,
+        place: wp.array(dtype=vec3),
         x: wp.array(dtype=vec3),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
         L: wp.array(dtype=t.mat),
         F: wp.array(dtype=t.mat),
+        T: wp.array(dtype=t.mat),
         fault: wp.array(dtype=int),
         steps: wp.array(dtype=int),
     ):
         p = wp.tid()
         inverse = real(1.0) / dx
-        b = first(x[p], inverse, nodes)
-        f = offset(x[p], inverse, b)
+        b = first(place[p], inverse, nodes)
+        f = offset(place[p], inverse, b)
         w = weights(f)
         g = gradients(f, inverse)
         row, layer = nodes[2], nodes[1] * nodes[2]
@@ -219,8 +239,8 @@ def g2p(gradient: str, precision: str):
         a0, m0, k0, s0, t0 = nine(grid, n, row, w, g)
         a1, m1, k1, s1, t1 = nine(grid, n + layer, row, w, g)
         a2, m2, k2, s2, t2 = nine(grid, n + 2 * layer, row, w, g)
-        total = blend(w, 0, a0, a1, a2)
-        u = vec3(total[0], total[1], total[2])
+        whole = blend(w, 0, a0, a1, a2)
+        u = vec3(whole[0], whole[1], whole[2])
         moments = columns(moment(w, 0, a1, a2), blend(w, 0, m0, m1, m2), blend(w, 0, k0, k1, k2))
         affine = (real(4.0) * inverse) * (moments - wp.outer(u, f))
         rate = affine
@@ -228,8 +248,13 @@ def g2p(gradient: str, precision: str):
             rate = columns(
                 blend(g, 0, a0, a1, a2), blend(w, 0, s0, s1, s2), blend(w, 0, t0, t1, t2)
             )
-            L[p] = rate
         dt = clock[0][0]
+        if wp.static(total):
+            rest = T[p]
+            T[p] = rest + dt * rate
+            rate = rate * wp.inverse(rest)
+        if wp.static(total or gradient == "exact"):
+            L[p] = rate
         v[p] = u
         C[p] = affine
         F[p] = F[p] + dt * (rate * F[p])
