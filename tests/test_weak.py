@@ -18,6 +18,7 @@ from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
+from form_drake.weak.solve import Weights
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
 
@@ -366,3 +367,15 @@ def test_a_bent_strip_gives_its_stiffness(strip):
     answer = identify(made, weak=WeakOptions(draws=0))
     assert answer.material.parameters()["E"].value == pytest.approx(truth["E"], rel=5e-3)
     assert all("bend" in name for name in answer.details["probes"][0]["fields"])
+
+
+def test_an_error_that_all_rows_share_is_part_of_their_covariance():
+    """Each probe has its own."""
+    rng = np.random.default_rng(0)
+    parts = [rng.standard_normal((n, 2 * n)) for n in (7, 12)]
+    noise, error, rows = [p @ p.T for p in parts], 5.0 * rng.standard_normal(19), np.eye(19)
+    found = Weights(tuple(map(np.linalg.cholesky, noise)), 0.0).beside(error).white(rows)
+    whole = np.zeros((19, 19))
+    for own, block in zip((slice(0, 7), slice(7, 19)), noise, strict=True):
+        whole[own, own] = block + np.outer(error[own], error[own])
+    assert found.T @ found == pytest.approx(np.linalg.inv(whole), rel=1e-9, abs=1e-12)

@@ -27,6 +27,7 @@ OTHER = 0.03  # of the rows, from which their noise is taken anew
 AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
+ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
 
 
 @dataclass(frozen=True)
@@ -36,16 +37,19 @@ class Match:
     Attributes:
         problem: probes of the data and unknowns of the law.
         twin: the same of the simulation.
-        by: inverse covariance of the rows of the data.
+        noise: inverse covariance of the rows of the data.
+        by: the same, with what the grid is extrapolated by as one more error of every probe.
         model: that the twin was simulated with.
         scenes: of the recordings.
-        grid: what the twin has wrong, in rows of b - A theta, shape [rows]; None: it is not known.
+        grid: what the twin has wrong, in rows of b - A theta, shape [rows], by Richardson's extrapolation
+            of what a finer one changes; None: it is not known.
         began: ``apart`` where the model was when ``grid`` and the noise were found.
         sites: what effects that are simulated at places change there, by id and place; found once.
     """
 
     problem: Problem
     twin: Problem
+    noise: Weights
     by: Weights
     model: Model
     scenes: Scenes
@@ -60,7 +64,7 @@ class Match:
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
         twin = twin_of(problem, scenes.rough, model)
         by = _weighed(problem, twin, scenes, model)
-        found = cls(problem, twin, by, model, scenes)
+        found = cls(problem, twin, by, by, model, scenes)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
         return replace(found, grid=none, began=found.apart)
 
@@ -73,9 +77,13 @@ class Match:
         finer = twin_of(self.problem, self.scenes, self.model)
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
-        found = replace(self, grid=one - other)
+        pairs = zip(self.scenes.spacings, self.scenes.rough.spacings, strict=True)
+        share = np.array([1.0 - (own / coarse) ** ORDER for own, coarse in pairs])
+        grid = (one - other) / np.repeat(share, [int(p.keep.sum()) for p in self.problem.probes])
+        noise = self.noise
         if self._moved > OTHER:
-            found = replace(found, by=_weighed(self.problem, self.twin, self.scenes, self.model))
+            noise = _weighed(self.problem, self.twin, self.scenes, self.model)
+        found = replace(self, grid=grid, noise=noise, by=noise.beside(grid - (one - other)))
         return replace(found, began=found.apart)
 
     @cached_property

@@ -182,6 +182,12 @@ class Scenes:
         return replace(self, dx=tuple(dx * self.coarser for dx in self.dx))
 
     @property
+    def spacings(self) -> tuple[float, ...]:
+        """Grid spacings that are simulated, near ``dx`` [m]."""
+        pairs = zip(self.recordings, self.dx, strict=True)
+        return tuple(Stage(recording, dx).spacing for recording, dx in pairs)
+
+    @property
     def fork(self) -> bool:
         """Whether simulations may run in copies of this process: where it can use no GPU."""
         wp.init()  # once for all copies

@@ -36,6 +36,12 @@ class Weights:
             ]
         )
 
+    def beside(self, error: np.ndarray) -> "Weights":
+        """With an error that all rows of a probe share, of one standard deviation [rows]."""
+        parts = np.split(error, np.cumsum(list(map(len, self.factors)))[:-1])
+        pairs = zip(self.factors, parts, strict=True)
+        return replace(self, factors=tuple(_updated(f, part) for f, part in pairs))
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -108,6 +114,19 @@ def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
     return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U))
+
+
+def _updated(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of L L^T + x x^T (Gill et al. 1974), shape [rows, rows]."""
+    L, x = np.array(factor, order="F"), x.copy()
+    for k in range(len(x)):
+        own, below = L[k, k], L[k + 1 :, k]
+        L[k, k] = np.hypot(own, x[k])
+        c, s = L[k, k] / own, x[k] / own
+        below += s * x[k + 1 :]
+        below /= c
+        x[k + 1 :] = c * x[k + 1 :] - s * below
+    return L
 
 
 def _effective(U: np.ndarray) -> float:
