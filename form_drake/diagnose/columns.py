@@ -13,6 +13,9 @@ from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
 from form_drake.workers import mapped
 
+COARSER = (
+    1.5  # times the spacing of a twin's grid, for what effects change elsewhere than in held layers
+)
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
@@ -57,6 +60,8 @@ class Columns:
         tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
         if any(not effect.trial for _, (effect, _) in tasks):
             assert self.readings  # made once for all copies
+        if any(effect.trial and not _layered(effect) for _, (effect, _) in tasks):
+            assert self._coarse
         made = mapped(lambda one: self._made(*one[1]), tasks, fork=self.scenes.fork)
         for (key, (effect, _)), column in zip(tasks, made, strict=True):
             (self.sites if _placed(effect) else self._known)[key] = column
@@ -102,20 +107,33 @@ class Columns:
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
+        plain, scenes = (self.twin, self.scenes.rough) if _layered(effect) else self._coarse
         probes = self.problem.probes
         meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
-        scenes = self.scenes.only(meant).rough
         one, other = (
             replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
-            for p in (self.twin, self.problem)
+            for p in (plain, self.problem)
         )
-        other = twin_of(other, scenes, self.model.more(effect, effect.trial, shape))
+        more = self.model.more(effect, effect.trial, shape)
+        other = twin_of(other, scenes.only(meant), more)
         eta, theta = self.twin.coordinates(self.model.values)
         change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
         lengths = [int(p.keep.sum()) for p in probes]
         found = np.zeros(sum(lengths))
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
         return found
+
+    @cached_property
+    def _coarse(self) -> tuple[Problem, Scenes]:
+        """The twin on a grid that is coarser again, which differences are taken on."""
+        coarser = tuple(dx * COARSER for dx in self.scenes.rough.dx)
+        scenes = replace(self.scenes, dx=coarser)
+        return twin_of(self.problem, scenes, self.model), scenes
+
+
+def _layered(effect: Effect) -> bool:
+    """Whether it acts in layers that are held, whose give is that of the grid."""
+    return "bonded" in effect.faces
 
 
 def _placed(effect: Effect) -> bool:
