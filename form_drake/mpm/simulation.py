@@ -11,11 +11,11 @@ import warp as wp
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import types, update
 from form_drake.laws.memory import Memory, remember, vectors
+from form_drake.mpm.boundary import Boundary
 from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
 from form_drake.mpm.transfer import g2p, p2g, pulled
-from form_drake.mpm.walls import fold_kernels, fold_tables, grid_step, separating_bounds
 from form_drake.records.solver import Solver
 
 __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
@@ -127,20 +127,7 @@ class Simulation:
             self._high = t.vec3(*(extent - 1.5 * solver.dx))
         if self.total:  # moves freely
             self._low, self._high = t.vec3(*([-FAR] * 3)), t.vec3(*([FAR] * 3))
-        low, high = separating_bounds(solver)
-        self._bounds = wp.vec3i(*(int(i) for i in low)), wp.vec3i(*(int(i) for i in high))
-        self._folds = {
-            axis: (
-                wp.array(parents.astype(np.int32), dtype=wp.vec2i, device=self.device),
-                self._array(table[:, :4], t.vec4),
-                self._array(table[:, 4:], t.real),
-            )
-            for axis, (parents, table) in fold_tables(solver).items()
-        }
-        if self._folds:
-            self._momentum = wp.zeros(len(self._grid), dtype=t.vec3, device=self.device)
-            self._node_mass = wp.zeros_like(self._momentum)
-            self._folded = wp.zeros(len(self._grid), dtype=int, device=self.device)
+        self._boundary = Boundary(solver, self.device)
 
     def _set_dt(self, dt: float) -> None:
         self._dt = dt
@@ -256,25 +243,6 @@ class Simulation:
                 more = [self._parts[:, own], self._plastic[:, own]]
             self._launch(kernel, len(body.x), [self._project, *inputs, *more, self._tau[own]])
 
-    def _launch_walls(self) -> None:
-        precision, nodes = self.solver.precision, self._nodes
-        eps = self._t.real(self.solver.mass_eps)
-        if not self._folds:
-            inputs = [self._grid, self._clock, eps, *self._bounds, nodes, self._steps]
-            self._launch(grid_step(precision), len(self._grid), inputs)
-            return
-        split, weigh, fold, solve, unfold = fold_kernels(precision)
-        grids = [self._momentum, self._node_mass, self._folded]
-        self._launch(split, len(self._grid), [self._grid, self._clock, *grids])
-        for axis, (parents, table, shares) in self._folds.items():
-            self._launch(weigh, self.solver.nodes, [axis, parents, shares, nodes, *grids[1:]])
-            self._launch(fold, self.solver.nodes, [axis, parents, table, nodes, *grids])
-        inputs = [eps, self._momentum, self._node_mass, self._grid, *self._bounds, nodes]
-        self._launch(solve, self.solver.nodes, [*inputs, self._steps])
-        for axis, (parents, table, _) in reversed(self._folds.items()):
-            inputs = [axis, parents, table, nodes, self._folded, self._grid]
-            self._launch(unfold, self.solver.nodes, inputs)
-
     def _launch_step(self) -> None:
         n, dx = len(self.body.x), self._t.real(self.solver.dx)
         scatter, gather = self._kernels
@@ -289,7 +257,7 @@ class Simulation:
             self._launch(pulled(self.solver.precision), n, [self._tau, self._T, self._flux])
         particles = [self._place, self._v, self._C, self._flux, self._mass, self._volume]
         self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
-        self._launch_walls()
+        self._boundary.step(self._grid, self._clock, self._steps)
         if self.tools.tools:
             self.tools.hold(self._clock, dx, self._nodes, self._grid)
         held = self.solver.margin is not None
