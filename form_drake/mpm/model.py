@@ -55,7 +55,7 @@ class State:
     Attributes:
         x: positions [m], shape [particles, 3].
         v: velocities [m/s], shape [particles, 3].
-        C: affine velocity matrices [1/s], shape [particles, 3, 3].
+        C: affine velocity matrices [1/s], over the rest shape if the grid is, shape [particles, 3, 3].
         L: velocity gradients [1/s], shape [particles, 3, 3].
         F: elastic deformation gradients [-], shape [particles, 3, 3].
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].

@@ -25,8 +25,8 @@ from form_drake.records.solver import Gradient
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
 SETTLING = 0.15  # time [s] that the body is given to come to rest
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
-# What a plate gives a particle off its middle is what the force of this gradient balances: five cells
-# of a block bear .7 % less than they should, and by the spline's own 15 %.
+# What a plate gives a particle off its middle is what the force of this gradient balances: by the
+# spline's own, layers of few cells give way under plates.
 GRADIENT: Gradient = "mls"
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
