@@ -18,6 +18,7 @@ from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
+from form_drake.weak.force import measured
 from form_drake.weak.solve import Weights
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
@@ -317,6 +318,15 @@ def test_bad_recordings_are_refused_in_one_line(exact, change, words):
     with pytest.raises(ValueError, match=words) as caught:
         identify(replace(made, **change(made)))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("late", [-0.04, 0.04])
+def test_forces_may_be_stamped_late_for_others_to_find(exact, late):
+    made, _ = recording(exact, "yeoh-uniaxial")
+    forces = {k: Stream(s.time + late, s.value) for k, s in made.forces.items()}
+    found = measured(replace(made, forces=forces), 0.0, float(np.ptp(made.time)))
+    for name, stream in forces.items():
+        assert found[name].time == pytest.approx(stream.time - made.time[0])
 
 
 @pytest.mark.parametrize(

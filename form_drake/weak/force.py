@@ -9,6 +9,8 @@ from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
 from form_drake.weak.windows import bump, trapezoid
 
+CLOCKS = 0.05  # [s] by which a force may be stamped late or early; its ends are held meanwhile
+
 
 @dataclass(frozen=True)
 class Force:
@@ -48,16 +50,17 @@ def jitter(stream: Stream) -> float:
 
 
 def measured(recording: Recording, first: float, last: float) -> dict[str, Force]:
-    """Forces of a recording on the clock of its frames.
+    """Forces of a recording on the clock of its frames; a clock that differs is for others to find.
 
     Raises:
-        ValueError: the stamps of a force do not cover the frames.
+        ValueError: the stamps of a force do not cover the frames, but for ``CLOCKS``.
     """
     found = {}
     for name, stream in recording.forces.items():
         time = np.asarray(stream.time, dtype=float) - recording.time[0]
         step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-        if time[0] > first + 1.5 * step or time[-1] < last - 1.5 * step:
+        apart = max(CLOCKS, 1.5 * step)
+        if time[0] > first + apart or time[-1] < last - apart:
             start = recording.time[0]
             raise ValueError(
                 f"force of {name} is stamped {time[0] + start:.4g} to {time[-1] + start:.4g} s, the"
