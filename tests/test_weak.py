@@ -324,9 +324,13 @@ def test_bad_recordings_are_refused_in_one_line(exact, change, words):
 def test_forces_may_be_stamped_late_for_others_to_find(exact, late):
     made, _ = recording(exact, "yeoh-uniaxial")
     forces = {k: Stream(s.time + late, s.value) for k, s in made.forces.items()}
-    found = measured(replace(made, forces=forces), 0.0, float(np.ptp(made.time)))
-    for name, stream in forces.items():
-        assert found[name].time == pytest.approx(stream.time - made.time[0])
+    last = float(np.ptp(made.time))
+    ends = even(0.0, last, 0.4 * last, 0.2 * last)
+    inside = measured(made, 0.0, last)
+    for name, found in measured(replace(made, forces=forces), 0.0, last).items():
+        assert found.time == pytest.approx(forces[name].time - made.time[0])
+        whole = inside[name].impulses(ends).sum(axis=1)  # of a force of one, over all of a window
+        assert found.impulses(ends).sum(axis=1) == pytest.approx(whole, rel=1e-3)
 
 
 @pytest.mark.parametrize(

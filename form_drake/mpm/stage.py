@@ -261,7 +261,6 @@ class _Path:
         R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
         place: of the tool by time [s]; None: it stands still.
         turn: of the tool by time.
-        travel: of the plane's middle from the start [m], shape [stamps, 3].
     """
 
     tool: str
@@ -269,7 +268,6 @@ class _Path:
     R: np.ndarray
     place: object
     turn: object
-    travel: np.ndarray
 
     @classmethod
     def of(cls, recording: Recording, shape: Shape, face: Face) -> "_Path":
@@ -282,7 +280,7 @@ class _Path:
         R = np.stack([across, np.cross(inward, across), inward], axis=1)
         pose = recording.poses.get(face.tool)
         if pose is None:
-            return cls(face.tool, middle, R, None, None, np.zeros((1, 3)))
+            return cls(face.tool, middle, R, None, None)
         X = np.asarray(pose.value, float)
         time = np.asarray(pose.time, float) - recording.time[0]
         first = X[0]
@@ -291,7 +289,7 @@ class _Path:
             p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
         turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
         place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
-        return cls(face.tool, p, first[:3, :3].T @ R, place, turn, X[:, :3, 3] - first[:3, 3])
+        return cls(face.tool, p, first[:3, :3].T @ R, place, turn)
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""

@@ -9,7 +9,7 @@ from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
 from form_drake.weak.windows import bump, trapezoid
 
-CLOCKS = 0.05  # [s] by which a force may be stamped late or early; its ends are held meanwhile
+CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,28 @@ class Force:
     noise: float
 
     def impulses(self, ends: np.ndarray) -> np.ndarray:
-        """Weights w with int chi f dt = w f, shape [windows, samples]."""
+        """Weights w with int chi f dt = w f, shape [windows, samples].
+
+        Before the first stamp and after the last one, the force is what it was there.
+        """
         middle, half = ends.mean(axis=1)[:, None], 0.5 * np.diff(ends, axis=1)
-        found: np.ndarray = bump((self.time - middle) / half)[0] * trapezoid(self.time)
-        return found
+        before, after = (_beyond(self.time, float(t)) for t in (ends.min(), ends.max()))
+        time = np.concatenate([before, self.time, after])
+        found: np.ndarray = bump((time - middle) / half)[0] * trapezoid(time)
+        held = found[:, len(before) : len(before) + len(self.time)]
+        held[:, 0] += found[:, : len(before)].sum(axis=1)
+        held[:, -1] += found[:, len(time) - len(after) :].sum(axis=1)
+        return held
+
+
+def _beyond(time: np.ndarray, end: float) -> np.ndarray:
+    """Stamps from those of a force to a time that they do not cover, in order, no further apart."""
+    if time[0] <= end <= time[-1]:
+        return np.zeros(0)
+    near = time[0] if end < time[0] else time[-1]
+    step = float(np.median(np.diff(time))) if len(time) > 1 else abs(end - near)
+    count = int(np.ceil(abs(end - near) / step - 1e-9))
+    return np.sort(np.linspace(near, end, count + 1)[1:])
 
 
 def jitter(stream: Stream) -> float:
