@@ -1,4 +1,4 @@
-"""What effects change of a twin, as differences of simulations: on which grid they are taken."""
+"""Twins on several grids: what effects change of them, and what is wrong of one."""
 
 import numpy as np
 import pytest
@@ -31,3 +31,20 @@ def test_a_coarser_grid_tells_what_no_held_layer_does(plate):
     assert np.allclose(found, own) is (plate == "bonded")
     assert found @ own > 0.97 * np.linalg.norm(found) * np.linalg.norm(own)
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(own), rel=0.1)
+
+
+def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated():
+    """Third order; between bonded faces 5.3 cells are 5. As much as that adds, rows of a probe share."""
+    plan = BLOCK.press("bonded", 0.4)
+    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    problem, _ = read(scenes, MODEL.law, {})
+    match = Match.of(problem, scenes, MODEL)
+    found = match.anchored()
+    eta, theta = match.twin.coordinates(MODEL.values)
+    finer = twin_of(match.problem, scenes, MODEL)
+    other = rest_of(finer.rows(eta, theta), theta) - rest_of(match.twin.rows(eta, theta), theta)
+    assert found.grid == pytest.approx(other / (1.0 - (5.0 / 8.0) ** 3), rel=1e-6, abs=1e-12)
+    more = found.grid - other
+    (noise,), (own,) = found.noise.factors, found.by.factors
+    assert own @ own.T == pytest.approx(noise @ noise.T + np.outer(more, more), rel=1e-6, abs=1e-18)

@@ -1,70 +1,25 @@
-"""Rigid tools in the material point method: shapes, impulses, friction, holding."""
+"""Rigid tools in the material point method: impulses, friction, holding."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
-from scipy.spatial.transform import Rotation
 
 from form_drake.laws import LAWS
 from form_drake.material import Material
-from form_drake.mpm.bodies import block, filled
+from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import stable_dt
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
-from form_drake.records.solver import Solver, Wall
+from form_drake.records.solver import Solver
 
 DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
 DX = 5e-3
 SIZE = np.array([0.03, 0.03, 0.025])
 SOFT = {"mu": 30.8e3, "lam": 46.2e3}
 G = 9.81
-
-
-def meshed(solid):
-    if solid.kind == "box":
-        made = trimesh.creation.box(2.0 * solid.size)
-    elif solid.kind == "sphere":
-        made = trimesh.creation.icosphere(subdivisions=5, radius=solid.size[0])
-    else:
-        made = trimesh.creation.cylinder(solid.size[0], 2.0 * solid.size[2], sections=256)
-    return Solid.mesh(made.vertices, made.faces, 1e-3)
-
-
-SOLIDS = (Solid.box([0.02, 0.03, 0.04]), Solid.cylinder(0.01, 0.016), Solid.sphere(0.012))
-
-
-@pytest.mark.parametrize("solid", SOLIDS, ids=lambda s: s.kind)
-def test_baked_mesh_is_the_shape(solid):
-    """A mesh's distance agrees with the exact one where particles touch."""
-    rng = np.random.default_rng(0)
-    p = rng.uniform(-1.3, 1.3, (4000, 3)) * solid.size
-    exact = solid.distance(p)
-    near = np.abs(exact) < 3e-3
-    assert near.sum() > 300
-    error = np.abs(meshed(solid).distance(p) - exact)[near]
-    assert np.median(error) < 2e-5
-    assert error.max() < 4e-4  # beside edges: a fraction of the 1 mm cells
-
-
-def test_distance_is_the_nearest_point():
-    """Against the distance to points sampled on the surface, and its sign inside."""
-    solid = Solid.cylinder(0.01, 0.03)
-    surface = trimesh.creation.cylinder(0.01, 0.03, sections=512)
-    points, _ = trimesh.sample.sample_surface(surface, 60000, seed=0)
-    p = np.random.default_rng(1).uniform(-0.025, 0.025, (200, 3))
-    nearest = np.min(np.linalg.norm(p[:, None] - points[None], axis=2), axis=1)
-    inside = (np.hypot(p[:, 0], p[:, 1]) < 0.01) & (np.abs(p[:, 2]) < 0.015)
-    assert solid.distance(p) == pytest.approx(np.where(inside, -nearest, nearest), abs=3e-4)
-
-
-def test_filled_keeps_the_volume():
-    body = filled(Solid.sphere(0.01), [0.02] * 3, 1e-3, 1000.0)
-    assert body.volume.sum() == pytest.approx(4 / 3 * np.pi * 1e-6, rel=0.01)
-    assert np.linalg.norm(body.x, axis=1).max() < 0.01
 
 
 def pressed(tools, motion, *, steps, device="cpu", law="fixed-corotated", values=SOFT, v=None):
@@ -334,80 +289,3 @@ def test_an_impulse_where_a_tool_touches_is_taken_there():
         moment = moment + np.cross([0.0, 0.0, 0.0201], made.tools.impulses()[0][0])
         assert np.abs(moment).max() > 1e-6
         assert gained == pytest.approx(-moment, rel=1e-6, abs=1e-12)
-
-
-def stamped(size, *, total, spacing=DX / 2, depth=0.1, times=3):
-    """A block on a floor that holds it, stamped on by a plate and left; where it ends, the first force on the plate."""
-    body = block(np.array([0.0, 0.0, 0.5 * size[2]]), size, spacing, 1000.0)
-    room = 0.0 if total else 0.02
-    box = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]]) * size
-    tools = [Tool("floor", Solid.half_space(), "tied"), Tool("plate", Solid.half_space())]
-    scene = Scene(
-        [Material(LAWS["fixed-corotated"], SOFT, 1000.0)],
-        [body],
-        tools,
-        region=box + room * np.array([[-1.0], [1.0]]),
-        dx=DX,
-        gravity=np.zeros(3),
-        gradient="mls",
-        total=total,
-    )
-    turn = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    speed = depth * size[2] / 0.05
-
-    def where(high, v):
-        p, v = ([[0.0, 0.0, 0.0], [0.0, 0.0, a]] for a in (high, v))
-        return Motions(np.array(p), turn, np.array(v), np.zeros((2, 3)))
-
-    scene.tie(where(size[2], 0.0))
-    scene.simulation.tools.grip(1, Grip(lever=True))
-    end = first = scene.advance(scene.start(), where(size[2], 0.0), 0.05, 200.0)
-    for _ in range(times):
-        for way in (-1.0, 1.0):
-            for n in range(25):
-                high = size[2] - speed * 0.002 * (n if way < 0.0 else 25 - n)
-                end = scene.advance(end, where(high, way * speed), 0.002, 60.0)
-    end = scene.advance(end, where(size[2] + 0.002, 0.0), 0.2, 100.0)
-    return end.p_WQ - body.x, first.force[1, 2]
-
-
-def test_over_the_rest_shape_nothing_is_left_of_a_way():
-    """What crosses rows of nodes on a grid in space does not come back; on one that stays, it does."""
-    size = np.array([0.0425, 0.044, 0.0345])
-    gone, _ = stamped(size, total=True)
-    lost, _ = stamped(size, total=False)
-    assert np.sqrt(np.mean(gone**2)) < 1e-6
-    assert 10.0 * np.abs(gone).max() < np.abs(lost).max()
-
-
-@pytest.mark.parametrize("total", [False, True])
-def test_a_plate_that_touches_a_block_of_flat_particles_bears_nothing(total):
-    """Boxes of particles fill a block, and no balls: these would reach 40 um into the plate."""
-    size = np.array([0.03, 0.03, 0.0285])
-    gone, force = stamped(size, total=total, spacing=2.4e-3, times=0)
-    pressed = 1e-3 * SOFT["mu"] * size[0] * size[1]
-    assert np.abs(gone).max() < 3e-6 and abs(force) < pressed * 1e-2
-
-
-def test_a_turning_block_is_not_strained_over_the_rest_shape():
-    """A quarter turn and more, about an axis that is none of the grid's."""
-    cube = np.full(3, 0.03)
-    body, spin = block(np.zeros(3), cube, DX / 2, 1000.0), np.array([30.0, 40.0, 20.0])
-    firm = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
-    region = np.stack([-cube / 2, cube / 2])
-    scene = Scene([firm], [body], [], region=region, dx=DX, gravity=np.zeros(3), total=True)
-    made, start = scene.simulation, scene.start().state
-    C = np.tile(np.cross(spin, np.eye(3)).T, (len(body.x), 1, 1))
-    made.reset(start.x, np.cross(spin, body.x), C=C)
-    made.advance(0.04)
-    F = made.state().F
-    assert np.abs(F.swapaxes(1, 2) @ F - np.eye(3)).max() < 0.02  # it swells by its spin
-    turned = Rotation.from_rotvec(0.04 * spin).apply(body.x)
-    assert np.abs(made.x + scene.corner - turned).max() < 3e-4
-
-
-def test_a_grid_over_the_rest_shape_meets_no_walls():
-    solver = Solver(dx=DX, nodes=(16, 16, 16), walls=(Wall(2, -1, 4 * DX),))
-    body = block(np.full(3, 0.04), SIZE, DX / 2, 1000.0)
-    with pytest.raises(ValueError, match="no walls and no bonded tools"):
-        Simulation(solver, LAWS["fixed-corotated"], body, total=True)
