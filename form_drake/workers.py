@@ -3,8 +3,11 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from multiprocessing.pool import Pool
 from typing import Any, TypeVar
+
+import warp as wp
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -26,12 +29,38 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
         Exception: what the first task in order raises that fails.
     """
     todo = list(items)
-    count = min(len(todo), len(os.sched_getaffinity(0)))
-    if count < 2 or not fork or multiprocessing.current_process().daemon:
+    if copies(len(todo), fork=fork) == 1:
         return [task(item) for item in todo]
-    context = multiprocessing.get_context("fork")
-    with context.Pool(count, _begin, (task, todo)) as pool:
+    with _pool(task, todo) as pool:
         return list(pool.imap(_done, range(len(todo))))
+
+
+def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> Iterator[R]:
+    """The same as they come, an exception too."""
+    todo = list(items)
+    if copies(len(todo), fork=fork) == 1:
+        yield from map(task, todo)
+        return
+    with _pool(task, todo) as pool:
+        yield from pool.imap_unordered(_done, range(len(todo)))
+
+
+def forkable() -> bool:
+    """Whether this process may be copied: where it can use no GPU."""
+    wp.init()  # once for all copies
+    return not wp.is_cuda_available()
+
+
+def copies(count: int, *, fork: bool = True) -> int:
+    """How many tasks out of some are made at a time."""
+    if not fork or multiprocessing.current_process().daemon:
+        return 1
+    return max(1, min(count, len(os.sched_getaffinity(0))))
+
+
+def _pool(task: Callable[[Any], Any], items: list[Any]) -> Pool:
+    count = copies(len(items))
+    return multiprocessing.get_context("fork").Pool(count, _begin, (task, items))
 
 
 def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:

@@ -176,21 +176,27 @@ def test_intervals_of_rates():
 
 
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
-    seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
+    seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
 
-    def verdict(case, *, alone):
-        asked.append(case)
-        if len(asked) == 3:
-            raise KeyboardInterrupt
+    def verdict(case, *, alone):  # also in copies of this process, so a file has to know
+        with log.open("a") as file:
+            file.write(f"{names[case]}\n")
+        if len(log.read_text().splitlines()) == 4:
+            raise RuntimeError("broken off")
         return {"verdict": "none", "seconds": 1.0}
 
+    every = blind.cases_of(drawn / "a.json")
+    names = {case: name for name, case in every.items()}
+    monkeypatch.setattr(blind, "cases_of", lambda path: every)
     monkeypatch.setattr(blind, "_verdict", verdict)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(RuntimeError, match="broken off"):
         blind.run_blind(drawn / "a.json", seal, out)
-    assert len(out.read_text().splitlines()) == 3
+    begun = {one["id"] for one in blind.verdicts(out)[1]}
+    first = len(log.read_text().splitlines())
     result = blind.run_blind(drawn / "a.json", seal, out)
-    assert len(result["results"]) == 10 and len(asked) == 11
-    assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
+    assert begun and not begun & set(log.read_text().splitlines()[first:])
+    assert len(result["results"]) == 10
+    assert {one["id"] for one in blind.verdicts(out)[1]} == set(every)
     with pytest.raises(ValueError, match="verdicts of other probes"):
         blind.run_blind(drawn / "a.json", seal, out, alone=True)
     monkeypatch.setattr(blind, "fingerprint", lambda: "another")

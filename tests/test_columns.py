@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import Model, Scenes
-from form_drake.diagnose.columns import rest_of, twin_of
+from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block, noisy
 from form_drake.diagnose.prepare import read
@@ -48,3 +48,30 @@ def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated(
     more = found.grid - other
     (noise,), (own,) = found.noise.factors, found.by.factors
     assert own @ own.T == pytest.approx(noise @ noise.T + np.outer(more, more), rel=1e-6, abs=1e-18)
+
+
+def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
+    """And what a cause is worth, beside the law alone, are its standard deviations squared."""
+    plan = BLOCK.press("frictionless", 0.3)
+    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    problem, _ = read(scenes, MODEL.law, {})
+    match, effect = Match.of(problem, scenes, MODEL), CATALOGUE["density"]
+    found = match.columns(effect, [{}])
+    asked = list[str]()
+
+    def changed(self, effect, shape):
+        asked.append(effect.id)
+        return np.ones(len(found))
+
+    monkeypatch.setattr(Columns, "_changed", changed)
+    monkeypatch.setattr(
+        "form_drake.diagnose.columns.mapped", lambda task, todo, fork: [*map(task, todo)]
+    )
+    later = match.near(MODEL.more(CATALOGUE["stiffening"], 500.0, {}))
+    assert np.array_equal(later.columns(effect, [{}]), found) and not asked
+    acting = match.near(MODEL.more(effect, 0.05, {}))
+    assert acting.columns(effect, [{}]) == pytest.approx(match.by.white(np.ones((len(found), 1))))
+    assert asked == ["density"]
+    (cause,) = acting.told.causes
+    assert acting.worth == pytest.approx((cause.coefficient / cause.std) ** 2, rel=1e-6)

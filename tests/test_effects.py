@@ -279,6 +279,13 @@ def test_masses_are_scaled_as_the_body_is(plain):
         np.testing.assert_allclose(*columns, atol=1e-12 * np.abs(columns[1]).max())
 
 
+def test_a_fibre_is_a_sum_of_fifteen(plain):
+    reading, shape = read(*plain[:2]), {"elevation": -0.4, "azimuth": 1.3}
+    found = CATALOGUE["anisotropy"].column(reading, shape)
+    own = reading.added("anisotropy", shape)
+    assert found == pytest.approx(own, rel=1e-9, abs=1e-9 * np.abs(own).max())
+
+
 def test_some_effects_fit_some_laws():
     fits = {
         name: {law for law in LAWS if CATALOGUE[name].fits(LAWS[law])}

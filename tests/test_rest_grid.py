@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from form_drake.laws import LAWS
+from form_drake.laws import LAWS, law_named
 from form_drake.material import Material
 from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
@@ -88,6 +88,41 @@ def test_a_turning_block_is_not_strained_over_the_rest_shape(device):
     assert np.abs(F.swapaxes(1, 2) @ F - np.eye(3)).max() < 0.02  # it swells by its spin
     turned = Rotation.from_rotvec(0.04 * spin).apply(body.x)
     assert np.abs(made.x + scene.corner - turned).max() < 3e-4
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_what_is_viscous_lags_too_little_to_be_seen(monkeypatch, device):
+    """Diffusion alone would allow an eighth of the acoustic step; springs in series allow a third of it."""
+    cube, law = np.full(3, 0.02), law_named("fixed-corotated+damping")
+    body, material = (
+        block(np.zeros(3), cube, DX / 2, 1000.0),
+        Material(law, {**SOFT, "eta": 400.0}, 1000.0),
+    )
+    region, free = np.stack([-cube / 2, cube / 2]), {"gravity": np.zeros(3), "total": True}
+    sheared = np.eye(3)
+    sheared[0, 2] = 0.05
+
+    def creeping():
+        """Shear of a free block that was let go of, and steps."""
+        scene = Scene([material], [body], [], region=region, dx=DX, device=device, **free)
+        made, F, start = (
+            scene.simulation,
+            np.tile(sheared, (len(body.x), 1, 1)),
+            scene.start().state,
+        )
+        made.reset(start.x + body.x @ (sheared - np.eye(3)).T, 0.0 * start.x, F=F, T=F)
+        told = []
+        for _ in range(10):
+            made.advance(1e-3)
+            told.append(np.mean(made.state().F[:, 0, 2] + made.state().F[:, 2, 0]))
+        return np.array(told), made.state().step
+
+    shear, steps = creeping()
+    monkeypatch.setattr("form_drake.mpm.model.SLOWER", 1e3)
+    exact, most = creeping()
+    assert exact[-1] < 0.6 * exact[0]
+    assert 2.3 * steps < most
+    assert np.abs(shear - exact)[3:].max() < 0.01 * exact[0]  # 3 ms are three lags
 
 
 def test_a_grid_over_the_rest_shape_meets_no_walls():

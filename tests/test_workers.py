@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from form_drake.workers import mapped
+from form_drake.workers import mapped, unordered
 
 CORES = len(os.sched_getaffinity(0))
 
@@ -43,3 +43,13 @@ def test_the_first_in_order_that_fails_is_told():
 
     with pytest.raises(ValueError, match="0 is no good"):
         mapped(task, range(2))
+
+
+def test_what_is_made_comes_at_once():
+    def task(n):
+        time.sleep(0.4 * (n == 0))
+        return n
+
+    made = list(unordered(task, range(3)))
+    assert sorted(made) == [0, 1, 2] and (made[-1] == 0 or CORES == 1)
+    assert list(unordered(task, range(3), fork=False)) == [0, 1, 2]

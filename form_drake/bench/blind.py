@@ -23,9 +23,10 @@ from form_drake.effects import CATALOGUE
 from form_drake.files import plain, read_text, target
 from form_drake.laws import law_named
 from form_drake.records import Recording, read
+from form_drake.workers import copies, forkable, unordered
 
 PROBES = ("press", "shake", "heldout")
-SECONDS = 600.0  # a case takes about
+SECONDS = 400.0  # a case takes about, on a core of its own
 TOP = 3  # effects that are told of simpler statistics
 
 Case = Callable[[], list[Recording]]
@@ -111,7 +112,7 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 def run_blind(
     cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = (), alone: bool = False
 ) -> dict[str, Any]:
-    """Diagnose every case that has no verdict yet.
+    """Diagnose every case that has no verdict yet, as many at a time as there are cores.
 
     Args:
         cases: folder of cases, or a list of seeds.
@@ -140,10 +141,16 @@ def run_blind(
         out.write_text(json.dumps(head) + "\n", encoding="utf-8")
     done = {one["id"] for one in results}
     left = [n for n in every if n not in done and (not only or any(o in n for o in only))]
-    hours = len(left) * SECONDS / 3600.0
+    fork = forkable()
+    hours = len(left) * SECONDS / 3600.0 / copies(len(left), fork=fork)
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
-    for name in tqdm(left, unit="case", disable=None, leave=False):
-        results.append(plain({"id": name, **_verdict(every[name], alone=alone)}))
+
+    def told(name: str) -> dict[str, Any]:
+        return plain({"id": name, **_verdict(every[name], alone=alone)})
+
+    made = unordered(told, left, fork=fork)
+    for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
+        results.append(one)
         with out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(results[-1]) + "\n")
     return {**head, "results": results}

@@ -11,7 +11,7 @@ from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
-from form_drake.workers import mapped
+from form_drake.workers import forkable, mapped
 
 COARSER = 1.5  # times the spacing of a twin's grid, of differences that no held layer tells
 FEWEST = 3  # cells of such a grid along the least edge of a body
@@ -29,15 +29,15 @@ class Columns:
         twin: the same of the simulation.
         model: that it was simulated with.
         scenes: of the recordings.
-        sites: what effects that are simulated at places change there, by id and place; also from
-            other twins of the same scenes.
+        simulated: what effects that are simulated and do not act yet change, by id and shape or place;
+            also of other twins of the same scenes, which are near enough to tell what is missing.
     """
 
     problem: Problem
     twin: Problem
     model: Model
     scenes: Scenes
-    sites: dict[Key, np.ndarray]
+    simulated: dict[Key, np.ndarray]
 
     @cached_property
     def readings(self) -> tuple[ProbeReading, ...]:
@@ -54,16 +54,16 @@ class Columns:
         todo = dict[Key, tuple[Effect, Shape]]()
         for effect, shape in wanted:
             for key, at in self._needs(effect, shape).items():
-                if key not in self._known and key not in self.sites:
+                if key not in self._store(effect):
                     todo.setdefault(key, (effect, at))
         tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
         if any(not effect.trial for _, (effect, _) in tasks):
             assert self.readings  # made once for all copies
         if any(effect.trial and not self._layered(effect) for _, (effect, _) in tasks):
             assert self._coarse
-        made = mapped(lambda one: self._made(*one[1]), tasks, fork=self.scenes.fork)
+        made = mapped(lambda one: self._made(*one[1]), tasks, fork=forkable())
         for (key, (effect, _)), column in zip(tasks, made, strict=True):
-            (self.sites if _placed(effect) else self._known)[key] = column
+            self._store(effect)[key] = column
 
     def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
         """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly.
@@ -81,18 +81,23 @@ class Columns:
         return found
 
     def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
+        known = self._store(effect)
         if not _placed(effect):
-            return self._known[effect.id, tuple(shape.items())]
+            return known[effect.id, tuple(shape.items())]
         body = self.problem.probes[0].body
         size = body.high - body.low
         at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
         part = at / (SITES[1] - SITES[0])
         corners = np.ndindex(2, 2, 2)
         sites = [
-            float(np.prod(np.where(c, part, 1.0 - part))) * self.sites[effect.id, c]
-            for c in corners
+            float(np.prod(np.where(c, part, 1.0 - part))) * known[effect.id, c] for c in corners
         ]
         return np.asarray(np.sum(sites, axis=0))
+
+    def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
+        """Where its columns are kept: with other twins, or with this one alone."""
+        acts = any(c.effect is effect for c in self.model.causes)
+        return self.simulated if _placed(effect) or (effect.trial and not acts) else self._known
 
     @cached_property
     def _known(self) -> dict[Key, np.ndarray]:

@@ -44,7 +44,7 @@ class Match:
         grid: what the twin has wrong, in rows of b - A theta, shape [rows], by Richardson's extrapolation
             of what a finer one changes; None: it is not known.
         began: ``apart`` where the model was when ``grid`` and the noise were found.
-        sites: what effects that are simulated at places change there, by id and place; found once.
+        simulated: what simulated effects change, see ``Columns``; found once.
     """
 
     problem: Problem
@@ -55,7 +55,7 @@ class Match:
     scenes: Scenes
     grid: np.ndarray | None = field(default=None, repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
-    sites: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
+    simulated: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
@@ -126,7 +126,7 @@ class Match:
     @cached_property
     def raw(self) -> Columns:
         """What effects change of the twin, not whitened."""
-        return Columns(self.problem, self.twin, self.model, self.scenes, self.sites)
+        return Columns(self.problem, self.twin, self.model, self.scenes, self.simulated)
 
     @cached_property
     def explained(self) -> np.ndarray:
@@ -208,6 +208,15 @@ class Match:
         counts = [c.unknowns for c in self.model.causes]
         first = self.explained.shape[1] - sum(counts)
         return np.cumsum([first, *counts])[:-1].tolist()
+
+    @property
+    def worth(self) -> float:
+        """What the gap's square would grow by without the last cause, to first order."""
+        begin = self.parts[-1]
+        others, own = self.explained[:, :begin], self.explained[:, begin]
+        basis = np.linalg.qr(others[:, self._seen[:begin]])[0]
+        own = self.model.causes[-1].coefficient * (own - basis @ (basis.T @ own))
+        return float(own @ own)
 
     @cached_property
     def std(self) -> np.ndarray:

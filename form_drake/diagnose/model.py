@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import warp as wp
 
 from form_drake.effects import Effect, Shape, World
 from form_drake.laws import ADDITIONS, Law, Values
@@ -12,7 +11,7 @@ from form_drake.material import Acting, Material
 from form_drake.motion import body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording
-from form_drake.workers import mapped
+from form_drake.workers import forkable, mapped
 
 STEP = 0.2  # of the width of a shape parameter, in differences
 FIRM = 2.0 / 3.0  # bulk modulus by shear modulus at a Poisson's ratio of zero
@@ -187,12 +186,6 @@ class Scenes:
         pairs = zip(self.recordings, self.dx, strict=True)
         return tuple(Stage(recording, dx).spacing for recording, dx in pairs)
 
-    @property
-    def fork(self) -> bool:
-        """Whether simulations may run in copies of this process: where it can use no GPU."""
-        wp.init()  # once for all copies
-        return not wp.is_cuda_available()
-
     def rolled(self, model: Model) -> list[Recording]:
         """What the sensors would record.
 
@@ -210,7 +203,7 @@ class Scenes:
         """
         scenes = list(zip(self.recordings, self.dx, strict=True))
         tasks = [(*scene, model) for model in models for scene in scenes]
-        made = mapped(lambda task: self._rolled(*task), tasks, fork=self.fork)
+        made = mapped(lambda task: self._rolled(*task), tasks, fork=forkable())
         return [made[n : n + len(scenes)] for n in range(0, len(made), len(scenes))]
 
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:

@@ -157,14 +157,18 @@ def _added(
         if found.left - runner.left > found.wanted(effect, thresholds):
             progress(f"adding {effect.id}")
             after = runner.matched()
-        wanted = found.wanted(effect, thresholds)
-        if after is not None and found.left - np.sum(after.left**2) > wanted:
+        if after is not None and _gain(found, after) > found.wanted(effect, thresholds):
             return _judged(found, runner, runners, refused), after
         refused.append(effect.id)
     found, first = replace(found, refused=tuple(refused)), found.seen[0]
     gain = max(0.0, *(found.left - runner.left for runner in runners))
     chance = first.score - gain <= found.wanted(first.effect, thresholds)
     return (found if chance else replace(found, best=first)), None
+
+
+def _gain(found: Found, after: Match) -> float:
+    """What the cause that was added last explains, by the weights before and by its own."""
+    return min(found.left - float(np.sum(after.left**2)), after.worth)
 
 
 def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:

@@ -2,9 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
+from scipy.linalg import qr
 
 from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import Inclusion, World
@@ -62,18 +65,51 @@ STIFFENING = _added(
     shown=("presses of two depths",),
 )
 
-ANISOTROPY = _added(
-    "anisotropy",
-    "k_f",
-    sentence="the material is stiffer along one direction",
-    unit="Pa",
-    prior=(10.0, 1e6),
-    shown=("a press with the specimen turned", "shake"),
-    shapes={
-        "azimuth": tuple(np.radians(np.arange(0.0, 180.0, 22.5)).tolist()),
-        "elevation": tuple(np.radians((-60.0, -30.0, 0.0, 30.0, 60.0, 90.0)).tolist()),
-    },
-    signed=False,
+AZIMUTHS = np.radians(np.arange(0.0, 180.0, 22.5))
+ELEVATIONS = np.radians((-60.0, -30.0, 0.0, 30.0, 60.0, 90.0))
+
+
+def _quartic(directions: np.ndarray) -> np.ndarray:
+    """Products of four components of directions (azimuth, elevation), shape [directions, 15]."""
+    azimuth, elevation = directions.T
+    flat = np.cos(elevation)
+    a = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    every = combinations_with_replacement(a, 4)
+    return np.stack([np.prod(some, axis=0) for some in every], axis=1)
+
+
+@cache
+def _fibres() -> np.ndarray:
+    """Fifteen directions, of which the stress of a fibre along any other is a sum, shape [15, 2]."""
+    tried = np.stack(np.meshgrid(AZIMUTHS, ELEVATIONS), axis=-1).reshape(-1, 2)
+    _, _, order = qr(_quartic(tried).T, pivoting=True)
+    return tried[order[:15]]
+
+
+def _fibre_column(reading: Reading, shape: Shape) -> np.ndarray:
+    """Stress is of fourth order in a direction of unit length, the 1 of I4 - 1 being its square."""
+
+    def made() -> np.ndarray:
+        each = [{"azimuth": a, "elevation": e} for a, e in _fibres().tolist()]
+        return np.stack([reading.added("anisotropy", one) for one in each], axis=1)
+
+    own = np.array([[shape["azimuth"], shape["elevation"]]])
+    share = np.linalg.solve(_quartic(_fibres()).T, _quartic(own)[0])
+    return np.asarray(reading.once("fibres", made) @ share)
+
+
+ANISOTROPY = replace(
+    _added(
+        "anisotropy",
+        "k_f",
+        sentence="the material is stiffer along one direction",
+        unit="Pa",
+        prior=(10.0, 1e6),
+        shown=("a press with the specimen turned", "shake"),
+        shapes={"azimuth": tuple(AZIMUTHS.tolist()), "elevation": tuple(ELEVATIONS.tolist())},
+        signed=False,
+    ),
+    column=_fibre_column,
 )
 
 

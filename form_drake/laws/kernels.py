@@ -287,6 +287,53 @@ def update(law: Law, decomposition: str, precision: str):
 
 
 @cache
+def lag(law: Law, decomposition: str, precision: str):
+    """Kernel that lets the rate that viscosity feels follow the velocity gradient.
+
+    ``late[0]`` lags by eta / spring, as with a spring in series whose shear modulus is ``spring[0]``;
+    eta is the viscosity there and then, ``spring[1]`` at most. ``late[1]`` lags behind that, and their
+    line to no lag at all is what is felt: second order in the lag. No spring, no lag.
+    """
+    t = types(precision)
+    real = t.real
+    evaluate, measure = (of(law, decomposition, precision) for of in (stress, strain))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        project: wp.array(dtype=int),
+        clock: wp.array(dtype=t.vec4),
+        spring: wp.array(dtype=t.real),
+        F: wp.array(dtype=t.mat),
+        L: wp.array(dtype=t.mat),
+        theta: wp.array(dtype=t.real),
+        constants: wp.array(dtype=t.vec4),
+        late: wp.array2d(dtype=t.mat),
+        felt: wp.array(dtype=t.mat),
+    ):
+        i = wp.tid()
+        share = real(1.0)
+        if spring[0] > real(0.0):
+            old, e = felt[i], measure(F[i])
+            d = deviator(real(0.5) * (old + wp.transpose(old)))
+            none = wp.matrix(shape=(3, 3), dtype=real)
+            borne = evaluate(F[i], e, old, theta, constants[0])
+            borne -= evaluate(F[i], e, none, theta, constants[0])
+            eta = real(1.0) * spring[1]
+            if real(2.0) * eta * norm(d) > norm(deviator(borne)):
+                eta = real(0.5) * norm(deviator(borne)) / norm(d)
+            share = clock[0][0] / (clock[0][0] + eta / spring[0])
+        if project[0] == 0:
+            share = real(1.0)
+        one = late[0, i] + share * (L[i] - late[0, i])
+        two = late[1, i] + share * (one - late[1, i])
+        late[0, i] = one
+        late[1, i] = two
+        felt[i] = real(2.0) * one - two
+
+    return kernel
+
+
+@cache
 def yield_measures(law: Law, decomposition: str, precision: str):
     """Kernel F -> (|dev e|, the law's radius at r = (1, 0, 0, 0), 0)."""
     t, measure, radius = types(precision), hencky(decomposition, precision), law.radius

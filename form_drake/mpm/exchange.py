@@ -164,20 +164,38 @@ class Scene:
             duration: [s].
             damping: rate at which velocities decay [1/s].
         """
-        simulation = self.simulation
+        end, _ = self.follow(start, [motions], np.array([duration]), damping)
+        return end
+
+    def follow(
+        self, start: Snapshot, motions: Sequence[Motions], durations: np.ndarray, damping: float
+    ) -> tuple[Snapshot, np.ndarray]:
+        """The same after several motions, one after the other.
+
+        Returns:
+            The bodies at their end, and the mean forces on the tools during each [N], shape [motions,
+            tools, 3].
+        """
+        simulation, forces = self.simulation, np.zeros((len(motions), len(self.tools), 3))
+        moment = np.zeros_like(start.moment)
         simulation.restore(start.state)
         simulation.set_damping(damping)
-        simulation.tools.move(replace(motions, p_WT=motions.p_WT - self.corner))
-        simulation.tools.forget()
-        simulation.advance(duration)
-        force, moment = (j / duration for j in simulation.tools.impulses())
+        for n, (way, duration) in enumerate(zip(motions, durations.tolist(), strict=True)):
+            simulation.tools.move(replace(way, p_WT=way.p_WT - self.corner))
+            simulation.tools.forget()
+            simulation.advance(duration)
+            forces[n], moment = (j / duration for j in simulation.tools.impulses())
+            self._settle(duration)
         state = simulation.state()
+        return Snapshot(state, forces[-1], moment, state.x + self.corner), forces
+
+    def _settle(self, duration: float) -> None:
+        """Let what no node tells of the tied layers fade for a time [s]."""
         if self._layers:
-            slip = state.slip.copy()
+            slip = self.simulation.tools.slip
             for n, layer in self._layers.items():
                 slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
-            state = simulation.slipped(slip)
-        return Snapshot(state, force, moment, state.x + self.corner)
+            self.simulation.tools.slip = slip
 
 
 def region_around(

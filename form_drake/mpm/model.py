@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.laws import Law, Values
 
 CFL = 0.4
+SLOWER = 3.0  # than the acoustic limit, steps may have to be for viscosity's sake
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class State:
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].
         T: deformation gradients since rest, of a grid over the rest shape, shape [particles, 3, 3].
+        late: velocity gradients that lag, of such a grid [1/s], shape [2, particles, 3, 3].
+        felt: those that viscosity feels [1/s], shape [particles, 3, 3].
     """
 
     x: np.ndarray
@@ -77,18 +80,40 @@ class State:
     parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     T: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    late: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 3, 3)))
+    felt: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
 def stable_dt(
-    law: Law, values: Values, density: float, dx: float, speed: float = 0.0, cfl: float = CFL
+    law: Law,
+    values: Values,
+    density: float,
+    dx: float,
+    speed: float = 0.0,
+    cfl: float = CFL,
+    *,
+    lagging: bool = False,
 ) -> float:
     """Largest stable time step [s] for particles moving at up to ``speed`` [m/s].
 
     The acoustic limit cfl dx / (c + speed) and, for viscous laws, the diffusive limit
-    rho dx^2 / (6 eta) with the largest viscosity that the regularisation admits.
+    rho dx^2 / (6 eta) with the largest viscosity that the regularisation admits; with a ``spring``
+    beside what is viscous (``lagging``) at least 1/``SLOWER`` of the former.
     """
     limit = cfl * dx / (law.wave_speed(values, density) + speed + 1e-12)
     eta = law.viscosity(values)
     if eta > 0.0:
-        limit = min(limit, density * dx * dx / (6.0 * eta))
+        diffusive = density * dx * dx / (6.0 * eta)
+        return min(limit, max(diffusive, limit / SLOWER if lagging else 0.0))
     return limit
+
+
+def spring(law: Law, values: Values, density: float, dx: float) -> float:
+    """Shear modulus [Pa] of a spring in series with what is viscous; 0: none is needed.
+
+    Twice as stiff to what is fast (see ``form_drake.laws.kernels.lag``), it lets waves be ``SLOWER`` times
+    as fast at most, however large the viscosity is.
+    """
+    if stable_dt(law, values, density, dx) >= stable_dt(law, values, density, dx, lagging=True):
+        return 0.0
+    return 0.375 * (SLOWER**2 - 1.0) * density * law.wave_speed(values, density) ** 2

@@ -3,16 +3,15 @@
 import math
 import threading
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.laws.kernels import types, update
+from form_drake.laws.kernels import lag, types, update
 from form_drake.laws.memory import Memory, remember, vectors
 from form_drake.mpm.boundary import Boundary
-from form_drake.mpm.model import CFL, Body, State, joined, stable_dt
+from form_drake.mpm.model import CFL, Body, State, joined, spring, stable_dt
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
 from form_drake.mpm.transfer import g2p, p2g, pulled
@@ -70,6 +69,7 @@ class Simulation:
         if total and (solver.walls or any(tool.contact == "bonded" for tool in tools)):
             raise ValueError("a grid over the rest shape meets no walls and no bonded tools")
         self.body = joined(self.bodies)
+        self._lags = total and any(t.unit == "Pa s" for law in self.laws for t in law.terms)
         self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device, total)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
@@ -102,6 +102,8 @@ class Simulation:
         self._L = wp.zeros_like(self._C) if own else self._C
         self._F = self._array(np.tile(np.eye(3), (n, 1, 1)), t.mat)
         self._tau = wp.zeros_like(self._C)
+        self._felt = wp.zeros_like(self._L) if self._lags else self._L
+        self._late = wp.zeros((2, n if self._lags else 0), dtype=t.mat, device=self.device)
         self._place, self._T, self._flux = self._x, self._F, self._tau
         if self.total:
             self._place, self._T = wp.clone(self._x), wp.clone(self._F)
@@ -112,6 +114,7 @@ class Simulation:
         self._memories = self._array(vectors(self.memories), t.vec4)
         self._theta = [wp.zeros(len(w.terms), dtype=t.real, device=self.device) for w in self.laws]
         self._constants = [wp.zeros(2, dtype=t.vec4, device=self.device) for _ in self.laws]
+        self._springs = [wp.zeros(2, dtype=t.real, device=self.device) for _ in self.laws]
         self._damping = wp.zeros(1, dtype=t.real, device=self.device)
         self._clock = wp.zeros(1, dtype=t.vec4, device=self.device)
         self._fault = wp.full(2, -1, dtype=int, device=self.device)
@@ -143,6 +146,9 @@ class Simulation:
         self._theta[body].assign(law.theta(values).astype(self._dtype))
         vectors = np.stack([law.shape_vector(values), law.radius_vector(values)])
         self._constants[body].assign(vectors.astype(self._dtype))
+        least = float(np.min(self.bodies[body].density))
+        series = [spring(law, values, least, self.solver.dx), law.viscosity(values)]
+        self._springs[body].assign(np.array(series, dtype=self._dtype))
 
     def set_damping(self, rate: float) -> None:
         """Let velocities decay at a rate [1/s], as for settling; 0 from the start."""
@@ -183,6 +189,7 @@ class Simulation:
         """Arrays of the particles that a snapshot holds."""
         kept = ("x", "v", "C", "L", "F", "tau")
         kept += ("T",) if self.total else ()
+        kept += ("late", "felt") if self._lags else ()
         return (*kept, "parts", "plastic") if self.memories else kept
 
     def state(self) -> State:
@@ -202,12 +209,6 @@ class Simulation:
         self._steps.fill_(state.step)
         self._fault.fill_(-1)
         self._held = state
-
-    def slipped(self, slip: np.ndarray) -> State:
-        """The state from now on, with other slips."""
-        self.tools.slip = slip
-        self._held = replace(self.state(), slip=slip)
-        return self._held
 
     @property
     def dt(self) -> float:
@@ -229,13 +230,18 @@ class Simulation:
 
     def _launch_update(self) -> None:
         solver, start = self.solver, 0
-        for law, body, theta, constants in zip(
-            self.laws, self.bodies, self._theta, self._constants, strict=True
+        for law, body, theta, constants, series in zip(
+            self.laws, self.bodies, self._theta, self._constants, self._springs, strict=True
         ):
             own = slice(start, start + len(body.x))
             start = own.stop
+            if self._lags:
+                kernel = lag(law, solver.decomposition, solver.precision)
+                inputs = [self._project, self._clock, series, self._F[own], self._L[own]]
+                inputs += [theta, constants, self._late[:, own], self._felt[own]]
+                self._launch(kernel, len(body.x), inputs)
             kernel = update(law, solver.decomposition, solver.precision)
-            inputs = [self._F[own], self._L[own], theta, constants]
+            inputs = [self._F[own], self._felt[own], theta, constants]
             more = []
             if self.memories:
                 kernel = remember(law, solver.decomposition, solver.precision)
@@ -333,7 +339,8 @@ class Simulation:
         dx = self.solver.dx
         parts = zip(self.laws, self._values, self.bodies, strict=True)
         return min(
-            stable_dt(law, v, float(np.min(body.density)), dx, speed, cfl) for law, v, body in parts
+            stable_dt(law, v, float(np.min(body.density)), dx, speed, cfl, lagging=self._lags)
+            for law, v, body in parts
         )
 
     def _limit(self) -> float:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -185,11 +185,11 @@ class _Play:
         ends = np.concatenate([[0.0], *parts])
         snapshot = self._settled()
         frames, forces = [snapshot], [snapshot.force]
-        moving = zip(_motions(self.paths, ends), np.diff(ends), strict=True)
-        for count in counts:
-            for motions, step in islice(moving, int(count)):
-                snapshot = self.scene.advance(snapshot, motions, float(step), self.world.drag)
-                forces.append(snapshot.force)
+        motions, steps = _motions(self.paths, ends), np.diff(ends)
+        for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
+            own = slice(first, last)
+            snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own], self.world.drag)
+            forces.extend(mean)
             frames.append(snapshot)
         if not all(np.isfinite(f.p_WQ).all() for f in frames):
             raise ValueError("the simulation of the recorded scene does not stay finite")
@@ -209,8 +209,8 @@ class _Play:
             snapshot = replace(snapshot, state=replace(snapshot.state, F=F, parts=parts))
         relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
         scene.simulation.set_memories(relaxed)
-        for _ in range(int(np.ceil(SETTLING / PERIOD))):
-            snapshot = scene.advance(snapshot, still, PERIOD, CALM)
+        count = int(np.ceil(SETTLING / PERIOD))
+        snapshot, _ = scene.follow(snapshot, [still] * count, np.full(count, PERIOD), CALM)
         scene.simulation.set_memories(world.memories)
         self._grip(world.friction, world.adhesion, world.slipping)
         return snapshot
