@@ -13,8 +13,6 @@ from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
 from form_drake.workers import forkable, mapped
 
-COARSER = 1.5  # times the spacing of a twin's grid, of differences that no held layer tells
-FEWEST = 3  # cells of such a grid along the least edge of a body
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
@@ -59,8 +57,6 @@ class Columns:
         tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
         if any(not effect.trial for _, (effect, _) in tasks):
             assert self.readings  # made once for all copies
-        if any(effect.trial and not self._layered(effect) for _, (effect, _) in tasks):
-            assert self._coarse
         made = mapped(lambda one: self._made(*one[1]), tasks, fork=forkable())
         for (key, (effect, _)), column in zip(tasks, made, strict=True):
             self._store(effect)[key] = column
@@ -111,45 +107,20 @@ class Columns:
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
-        plain, scenes = (self.twin, self.scenes.rough) if self._layered(effect) else self._coarse
         probes = self.problem.probes
         meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
         one, other = (
             replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
-            for p in (plain, self.problem)
+            for p in (self.twin, self.problem)
         )
         more = self.model.more(effect, effect.trial, shape)
-        other = twin_of(other, scenes.only(meant), more)
+        other = twin_of(other, self.scenes.rough.only(meant), more)
         eta, theta = self.twin.coordinates(self.model.values)
         change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
         lengths = [int(p.keep.sum()) for p in probes]
         found = np.zeros(sum(lengths))
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
         return found
-
-    def _layered(self, effect: Effect) -> bool:
-        """Whether held layers tell what it changes: where it acts in them, or what they bear is measured.
-
-        How they give way is that of the grid.
-        """
-        faces = [f for p in self.problem.probes for f in p.body.faces if f.condition == "bonded"]
-        return "bonded" in effect.faces or any(f.tool in self._measured for f in faces)
-
-    @property
-    def _measured(self) -> set[str]:
-        """Tools whose force is measured."""
-        return {tool for recording in self.scenes.recordings for tool in recording.forces}
-
-    @cached_property
-    def _coarse(self) -> tuple[Problem, Scenes]:
-        """The twin on a grid that is coarser again, where bodies have cells enough for one."""
-        rough, bodies = self.scenes.rough, [p.body for p in self.problem.probes]
-        most = [float((b.high - b.low).min()) / FEWEST for b in bodies]
-        dx = tuple(max(a, min(COARSER * a, m)) for a, m in zip(rough.dx, most, strict=True))
-        if dx == rough.dx:
-            return self.twin, rough
-        scenes = replace(rough, dx=dx)
-        return twin_of(self.problem, scenes, self.model), scenes
 
 
 def _placed(effect: Effect) -> bool:

@@ -25,6 +25,7 @@ LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong
 ALONE = 0.3  # of that, from one window to the next
 OTHER = 0.03  # of the rows, from which their noise is taken anew
 AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
+CLOSE = 0.02  # of the rows, from which what the grid has wrong is looked at again
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
@@ -72,6 +73,19 @@ class Match:
         """That of a model which is not far, by one coarse simulation."""
         return replace(self, twin=twin_of(self.problem, self.scenes.rough, model), model=model)
 
+    def on(self, coarser: float) -> "Match":
+        """With a twin of another grid, whose gap is the same; what has no grid's error keeps its own."""
+        if coarser == self.scenes.coarser or self.scenes.coarser <= 1.0:
+            return self
+        scenes = replace(self.scenes, coarser=coarser)
+        twin = twin_of(self.problem, scenes.rough, self.model)
+        found = replace(self, twin=twin, scenes=scenes)
+        if self.grid is None:
+            return found
+        eta, theta = twin.coordinates(self.model.values)
+        one, other = (rest_of(t.rows(eta, theta), theta) for t in (self.twin, twin))
+        return replace(found, grid=self.grid + one - other)
+
     def anchored(self) -> "Match":
         """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another."""
         finer = twin_of(self.problem, self.scenes, self.model)
@@ -94,7 +108,8 @@ class Match:
         """
         if self.grid is None:
             return False
-        return self._moved * float(np.linalg.norm(self.by.white(self.grid))) < AWAY
+        near = self._moved * float(np.linalg.norm(self.by.white(self.grid))) < AWAY
+        return near and self._moved < CLOSE
 
     @property
     def gross(self) -> bool:

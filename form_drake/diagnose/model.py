@@ -16,6 +16,7 @@ from form_drake.workers import forkable, mapped
 STEP = 0.2  # of the width of a shape parameter, in differences
 FIRM = 2.0 / 3.0  # bulk modulus by shear modulus at a Poisson's ratio of zero
 CELLS = 8  # of the grid along the least edge of a body
+SEARCH, FIT = 2.25, 1.5  # times the spacing, of grids that find what is missing and how much
 
 
 @dataclass(frozen=True)
@@ -153,13 +154,13 @@ class Scenes:
         recordings: of blocks, see ``form_drake.mpm.stage.Stage``.
         dx: grid spacing in each [m].
         device: Warp device.
-        coarser: times the spacing, for simulations that search and tell what the grid has wrong.
+        coarser: times the spacing, for simulations that search.
     """
 
     recordings: tuple[Recording, ...]
     dx: tuple[float, ...]
     device: str = "cpu"
-    coarser: float = 1.5
+    coarser: float = SEARCH
 
     @classmethod
     def of(
@@ -175,10 +176,14 @@ class Scenes:
         recordings = tuple(self.recordings[n] for n in chosen)
         return replace(self, recordings=recordings, dx=tuple(self.dx[n] for n in chosen))
 
+    def times(self, factor: float) -> "Scenes":
+        """With other spacings."""
+        return replace(self, dx=tuple(factor * dx for dx in self.dx))
+
     @property
     def rough(self) -> "Scenes":
         """On the coarser grid."""
-        return replace(self, dx=tuple(dx * self.coarser for dx in self.dx))
+        return self.times(self.coarser)
 
     @property
     def spacings(self) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from form_drake.diagnose.match import Match
+from form_drake.diagnose.model import FIT, SEARCH
 from form_drake.diagnose.score import Score, coherence, ranked, shapes
 from form_drake.diagnose.search import Search, matched
 
@@ -18,7 +19,7 @@ SAME = 0.99  # coherence from which no simulation would tell two effects apart
 NEARLY = 0.4  # of the best score, from which another start is simulated
 BESIDE = 4.0  # widths of the shape parameters, within which starts are one
 MARGIN = 10.0  # of scores, within which effects are equally good
-ROUNDS = (2, 3)  # steps, after each of which the worse half retires
+ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,13 @@ class Runner:
         return float(np.sum(self.search.match.left**2))
 
     def matched(self) -> Match:
-        """The twin nearest to the data.
+        """The twin nearest to the data, on the grid that tells how much is missing.
 
         Raises:
             ValueError: it cannot be simulated.
         """
         try:
-            return matched(self.search)
+            return matched(self.search.match.on(FIT).anchored())
         except ValueError as error:
             raise ValueError(f"{self.score.effect.id}: {error}") from None
 
@@ -70,6 +71,7 @@ def raced(
     Raises:
         ValueError: none can be simulated.
     """
+    match = match.on(SEARCH)
     runners, failure = [], ValueError("no effect is given")
     field = list[Score]()
     for score in seen:

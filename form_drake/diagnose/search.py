@@ -86,13 +86,15 @@ class Search:
         columns: what steps teach has the noise of the data in it, whose product with itself does not
         vanish on average.
         """
+        if self.idle >= IDLE:
+            return True
         columns = self.match.explained
         if self.match.far:
             step = columns @ self._change(0.0, columns)
             return bool(np.linalg.norm(step) < NEAR * self.match.size)
         gain = np.sum((columns @ self._wanted(0.0, columns)) ** 2)
         small = np.abs(self._change(0.0, columns)) < SETTLED * self.match.std
-        return bool(self.idle == IDLE or gain < SAME or small.all())
+        return bool(gain < SAME or small.all())
 
     @property
     def _worth(self) -> float:

@@ -14,6 +14,7 @@ from form_drake.motion.tracks import jitter
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
+COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 SEEN = 2.0  # times the floor, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
@@ -75,7 +76,7 @@ class Check:
     @classmethod
     def of(cls, scenes: Scenes, without: Model) -> "Check":
         """Simulate held-out scenes with a model without effects."""
-        before, coarse = (s.rolled(without) for s in (scenes, scenes.rough))
+        before, coarse = (s.rolled(without) for s in (scenes, scenes.times(COARSER)))
         return cls(scenes.recordings, tuple(before), tuple(coarse))
 
     def channels(self, after: Sequence[Recording]) -> list[Channel]:

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
-from form_drake.diagnose.verify import GRID, tracking_noise
+from form_drake.diagnose.verify import COARSER, GRID, tracking_noise
 from form_drake.records import Recording, Stream
 from form_drake.weak.force import jitter
 
@@ -65,7 +65,7 @@ class Watch:
             ValueError: the scene cannot be simulated.
         """
         scenes = Scenes.of((plan,), dx)
-        (predicted,), (coarse,) = (s.rolled(model) for s in (scenes, scenes.rough))
+        (predicted,), (coarse,) = (s.rolled(model) for s in (scenes, scenes.times(COARSER)))
         return cls(predicted, coarse)
 
     @property
