@@ -108,8 +108,8 @@ class Match:
         """
         if self.grid is None:
             return False
-        near = self._moved * float(np.linalg.norm(self.by.white(self.grid))) < AWAY
-        return near and self._moved < CLOSE
+        size = float(np.linalg.norm(self.by.white(self.grid)))
+        return not size or (self._moved * size < AWAY and self._moved < CLOSE)
 
     @property
     def gross(self) -> bool:
