@@ -44,6 +44,8 @@ def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated(
     other = rest_of(finer.rows(eta, theta), theta) - rest_of(match.twin.rows(eta, theta), theta)
     assert found.grid == pytest.approx(other / (1.0 - (4.0 / 8.0) ** 3), rel=1e-6, abs=1e-12)
     more = found.grid - other
+    finest = replace(match, scenes=replace(scenes, coarser=1.0))
+    assert finest.anchored() is finest.on(2.0) is finest
     (noise,), (own,) = found.noise.factors, found.by.factors
     assert own @ own.T == pytest.approx(noise @ noise.T + np.outer(more, more), rel=1e-6, abs=1e-18)
 
@@ -73,3 +75,17 @@ def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     assert asked == ["density"]
     (cause,) = acting.told.causes
     assert acting.worth == pytest.approx((cause.coefficient / cause.std) ** 2, rel=1e-6)
+
+
+def test_a_twin_on_another_grid_has_the_same_gap():
+    """And what that grid has wrong beside what is known of the first one's."""
+    plan = BLOCK.press("frictionless", 0.3)
+    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    problem, _ = read(scenes, MODEL.law, {})
+    match = Match.of(problem, scenes, MODEL)
+    assert match.on(scenes.coarser) is match and match.on(1.5).grid is None
+    known = match.anchored()
+    other = known.on(1.5)
+    assert other.scenes.coarser == 1.5 and other.gap == pytest.approx(known.gap, abs=0.05)
+    assert np.linalg.norm(other.grid) < 0.7 * np.linalg.norm(known.grid)

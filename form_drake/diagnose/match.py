@@ -74,7 +74,10 @@ class Match:
         return replace(self, twin=twin_of(self.problem, self.scenes.rough, model), model=model)
 
     def on(self, coarser: float) -> "Match":
-        """With a twin of another grid, whose gap is the same; what has no grid's error keeps its own."""
+        """With a twin on another grid and the same gap: what else that grid has wrong is told by the two.
+
+        A search on the finest grid stays there.
+        """
         if coarser == self.scenes.coarser or self.scenes.coarser <= 1.0:
             return self
         scenes = replace(self.scenes, coarser=coarser)
@@ -87,7 +90,12 @@ class Match:
         return replace(found, grid=self.grid + one - other)
 
     def anchored(self) -> "Match":
-        """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another."""
+        """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another.
+
+        The finest grid has nothing wrong that is known.
+        """
+        if self.scenes.coarser <= 1.0:
+            return self
         finer = twin_of(self.problem, self.scenes, self.model)
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
