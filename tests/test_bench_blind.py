@@ -176,9 +176,33 @@ def test_intervals_of_rates():
 
 
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
+    seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
+
+    def verdict(case, *, alone):
+        asked.append(case)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+        return {"verdict": "none", "seconds": 1.0}
+
+    monkeypatch.setattr(blind, "_verdict", verdict)
+    monkeypatch.setattr(blind, "forkable", lambda: False)
+    with pytest.raises(KeyboardInterrupt):
+        blind.run_blind(drawn / "a.json", seal, out)
+    assert len(out.read_text().splitlines()) == 3
+    result = blind.run_blind(drawn / "a.json", seal, out)
+    assert len(result["results"]) == 10 and len(asked) == 11
+    assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
+    with pytest.raises(ValueError, match="verdicts of other probes"):
+        blind.run_blind(drawn / "a.json", seal, out, alone=True)
+    monkeypatch.setattr(blind, "fingerprint", lambda: "another")
+    with pytest.raises(ValueError, match="one run counts, begin another file"):
+        blind.run_blind(drawn / "a.json", seal, out)
+
+
+def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monkeypatch):
     seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
 
-    def verdict(case, *, alone):  # also in copies of this process, so a file has to know
+    def verdict(case, *, alone):  # in copies of this process, so a file has to know
         with log.open("a") as file:
             file.write(f"{names[case]}\n")
         if len(log.read_text().splitlines()) == 4:
@@ -197,11 +221,6 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     assert begun and not begun & set(log.read_text().splitlines()[first:])
     assert len(result["results"]) == 10
     assert {one["id"] for one in blind.verdicts(out)[1]} == set(every)
-    with pytest.raises(ValueError, match="verdicts of other probes"):
-        blind.run_blind(drawn / "a.json", seal, out, alone=True)
-    monkeypatch.setattr(blind, "fingerprint", lambda: "another")
-    with pytest.raises(ValueError, match="one run counts, begin another file"):
-        blind.run_blind(drawn / "a.json", seal, out)
 
 
 def test_bad_input_is_one_line(drawn, tmp_path, capsys):

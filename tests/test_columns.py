@@ -17,15 +17,20 @@ BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
 MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
 
 
-@pytest.mark.parametrize("plate", ["frictionless", "bonded"])
-def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate):
-    """3.6 cells along an edge, as in a search, beside 5.3."""
-    plan = BLOCK.press(plate, 0.7)
+def begun(plate, seconds):
+    """A twin beside noisy data of the same model."""
+    plan = BLOCK.press(plate, seconds)
     (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
     scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
     problem, _ = read(scenes, MODEL.law, {})
-    match, effect = Match.of(problem, scenes, MODEL), CATALOGUE["density"]
-    finer = Match.of(problem, replace(scenes, coarser=1.5), MODEL)
+    return Match.of(problem, scenes, MODEL)
+
+
+@pytest.mark.parametrize("plate", ["frictionless", "bonded"])
+def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate):
+    """3.6 cells along an edge, as in a search, beside 5.3."""
+    match, effect = begun(plate, 0.7), CATALOGUE["density"]
+    finer = Match.of(match.problem, replace(match.scenes, coarser=1.5), MODEL)
     found, own = (match.by.white(m.raw.of(effect, [{}])[:, 0]) for m in (match, finer))
     assert found @ own > 0.97 * np.linalg.norm(found) * np.linalg.norm(own)
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(own), rel=0.1)
@@ -33,18 +38,14 @@ def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate):
 
 def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated():
     """Third order; between bonded faces 3.6 cells are 4. As much as that adds, rows of a probe share."""
-    plan = BLOCK.press("bonded", 0.4)
-    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
-    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
-    problem, _ = read(scenes, MODEL.law, {})
-    match = Match.of(problem, scenes, MODEL)
+    match = begun("bonded", 0.4)
     found = match.anchored()
     eta, theta = match.twin.coordinates(MODEL.values)
-    finer = twin_of(match.problem, scenes, MODEL)
+    finer = twin_of(match.problem, match.scenes, MODEL)
     other = rest_of(finer.rows(eta, theta), theta) - rest_of(match.twin.rows(eta, theta), theta)
     assert found.grid == pytest.approx(other / (1.0 - (4.0 / 8.0) ** 3), rel=1e-6, abs=1e-12)
     more = found.grid - other
-    finest = replace(match, scenes=replace(scenes, coarser=1.0))
+    finest = replace(match, scenes=replace(match.scenes, coarser=1.0))
     assert finest.anchored() is finest.on(2.0) is finest
     (noise,), (own,) = found.noise.factors, found.by.factors
     assert own @ own.T == pytest.approx(noise @ noise.T + np.outer(more, more), rel=1e-6, abs=1e-18)
@@ -52,11 +53,7 @@ def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated(
 
 def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     """And what a cause is worth, beside the law alone, are its standard deviations squared."""
-    plan = BLOCK.press("frictionless", 0.3)
-    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
-    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
-    problem, _ = read(scenes, MODEL.law, {})
-    match, effect = Match.of(problem, scenes, MODEL), CATALOGUE["density"]
+    match, effect = begun("frictionless", 0.3), CATALOGUE["density"]
     found = match.columns(effect, [{}])
     asked = list[str]()
 
@@ -79,12 +76,8 @@ def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
 
 def test_a_twin_on_another_grid_has_the_same_gap():
     """And what that grid has wrong beside what is known of the first one's."""
-    plan = BLOCK.press("frictionless", 0.3)
-    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
-    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
-    problem, _ = read(scenes, MODEL.law, {})
-    match = Match.of(problem, scenes, MODEL)
-    assert match.on(scenes.coarser) is match and match.on(1.5).grid is None
+    match = begun("frictionless", 0.3)
+    assert match.on(match.scenes.coarser) is match and match.on(1.5).grid is None
     known = match.anchored()
     other = known.on(1.5)
     assert other.scenes.coarser == 1.5 and other.gap == pytest.approx(known.gap, abs=0.05)

@@ -94,10 +94,8 @@ def test_a_turning_block_is_not_strained_over_the_rest_shape(device):
 def test_what_is_viscous_lags_too_little_to_be_seen(monkeypatch, device):
     """Diffusion alone would allow an eighth of the acoustic step; springs in series allow a third of it."""
     cube, law = np.full(3, 0.02), law_named("fixed-corotated+damping")
-    body, material = (
-        block(np.zeros(3), cube, DX / 2, 1000.0),
-        Material(law, {**SOFT, "eta": 400.0}, 1000.0),
-    )
+    body = block(np.zeros(3), cube, DX / 2, 1000.0)
+    material = Material(law, {**SOFT, "eta": 400.0}, 1000.0)
     region, free = np.stack([-cube / 2, cube / 2]), {"gravity": np.zeros(3), "total": True}
     sheared = np.eye(3)
     sheared[0, 2] = 0.05
@@ -105,11 +103,8 @@ def test_what_is_viscous_lags_too_little_to_be_seen(monkeypatch, device):
     def creeping():
         """Shear of a free block that was let go of, and steps."""
         scene = Scene([material], [body], [], region=region, dx=DX, device=device, **free)
-        made, F, start = (
-            scene.simulation,
-            np.tile(sheared, (len(body.x), 1, 1)),
-            scene.start().state,
-        )
+        made, start = scene.simulation, scene.start().state
+        F = np.tile(sheared, (len(body.x), 1, 1))
         made.reset(start.x + body.x @ (sheared - np.eye(3)).T, 0.0 * start.x, F=F, T=F)
         told = []
         for _ in range(10):

@@ -102,9 +102,7 @@ class Tools:
         t = types(precision)
         n = len(tools)
         self._dtype = np.float32 if precision == "float32" else np.float64
-        self._shared = wp.get_device(
-            device
-        ).is_cpu  # memory: written without a copy, ten times as fast
+        self._shared = wp.get_device(device).is_cpu  # its arrays are written in place: faster
         self._place = wp.zeros(n, dtype=t.vec3, device=device)
         self._turn = wp.zeros(n, dtype=t.mat, device=device)
         self._speed, self._spin = wp.zeros_like(self._place), wp.zeros_like(self._place)
