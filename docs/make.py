@@ -110,6 +110,7 @@ API = {
         "form_drake.diagnose.watch.Alarm",
         "form_drake.diagnose.verify.Check",
         "form_drake.diagnose.verify.Channel",
+        "form_drake.diagnose.placebo.Placebo",
         "form_drake.diagnose.score.scores",
         "form_drake.diagnose.score.coherence",
         "form_drake.diagnose.score.Score",

@@ -45,15 +45,14 @@ def write_diagnosis(
 
 def _play(found: Diagnosis, folder: Path) -> str:
     """Name of a page that plays the first held-out motion; "": none was predicted."""
-    if not found.measured:
+    if found.check is None:
         return ""
     from form_drake.systems.before_after import write_before_after
 
-    before, after = found.simulated
     write_before_after(
-        found.measured[0],
-        before[0],
-        after[0],
+        found.check.measured[0],
+        found.check.before[0],
+        found.after[0],
         folder / PLAYED,
         "held-out motion, measured and predicted",
     )

@@ -78,17 +78,18 @@ def verdicts(key, seal, out):
         kinds.setdefault(truth["kind"], []).append((name, list(truth["effects"])))
     lines = []
 
-    def told(name, verdict, *effects, gap=()):
+    def told(name, verdict, *effects, gap=(), placebos=()):
         passes = [{"scores": {"drag": 3.0 + len(lines)}}]
         lesser = {"ols": {"density": 20.0}, "gls": {}}
         one = {"id": name, "verdict": verdict, "named": verdict, "effects": list(effects)}
         one["lesser"] = lesser
+        one["placebos"] = [{"gap": [{**GAP, "closure": c}]} for c in placebos]
         lines.append({**one, "gap": list(gap), "passes": passes, "seconds": 100.0})
 
     (a, (right,)), (b, (twin,)), (c, _) = kinds["single"]
-    told(a, "named", effect(right), gap=[GAP, {**GAP, "closure": None}])
+    told(a, "named", effect(right), gap=[GAP, {**GAP, "closure": None}], placebos=(0.4, 0.1))
     told(b, "ambiguous", effect("other", twin))
-    told(c, "named", effect("nonsense"))
+    told(c, "named", effect("nonsense"), gap=[GAP], placebos=(0.8, 0.8))
     told(kinds["null"][0][0], "none")
     told(kinds["null"][1][0], "unnamed", effect("inclusion"))
     told(kinds["near"][0][0], "named", effect("nonsense"))
@@ -118,6 +119,7 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
         "wrong noise, confident names": (0, 0),
     }
     assert found["gap"] == {"channels": 1, "excluded": 1, "after/before": 0.25, "closure": 0.9}
+    assert found["placebos"] == {"cases": 1, "named": 0.9, "runner-up": 0.4, "drawn": 0.1}
     assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
     truth = json.loads(key.read_text()).values()
     singles = [set(t["effects"]) for t in truth if t["kind"] == "single"]
@@ -178,7 +180,7 @@ def test_intervals_of_rates():
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
 
-    def verdict(case, *, alone):
+    def verdict(case, *, alone, placebo):
         asked.append(case)
         if len(asked) == 3:
             raise KeyboardInterrupt
@@ -201,11 +203,14 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
 
 def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monkeypatch):
     seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
+    broken = tmp_path / "broken"
 
-    def verdict(case, *, alone):  # in copies of this process, so a file has to know
+    def verdict(case, *, alone, placebo):  # in copies of this process, so a file has to know
         with log.open("a") as file:
             file.write(f"{names[case]}\n")
-        if len(log.read_text().splitlines()) == 4:
+        fourth = log.read_text().splitlines().index(names[case]) == 3
+        if fourth and not broken.exists():
+            broken.touch()
             raise RuntimeError("broken off")
         return {"verdict": "none", "seconds": 1.0}
 

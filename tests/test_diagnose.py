@@ -218,7 +218,8 @@ def test_nothing_is_named_where_nothing_is_missing(files, capsys):
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
-    found, out = diagnosed(files, capsys, "late", "--holdout", str(files / "late1.h5"))
+    unseen = ["--holdout", str(files / "late1.h5"), "--placebo", "3"]
+    found, out = diagnosed(files, capsys, "late", *unseen)
     assert found["verdict"] == "named" and found["sentence"].startswith(
         "Missing: force and pictures"
     )
@@ -229,6 +230,12 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     force = gap["force of plate 1"]
     assert force["closure"] > 0.95 and force["after"] < 1.2 * force["floor"]
     assert gap["tracks 1"]["closure"] is None  # late forces move no track
+    runner_up, drawn = found["placebos"]
+    others = [k for k in found["passes"][0]["scores"] if k not in effect["class"]]
+    assert runner_up["name"] == others[0] and drawn["name"] in others[1:]
+    for placebo in (runner_up, drawn):
+        closed = {g["channel"]: g["closure"] for g in placebo["gap"]}
+        assert closed["force of plate 1"] < force["closure"] - 0.3 and closed["tracks 1"] is None
     before, after = (one["ledgers"][0] for one in found["passes"])
     assert effect["onset"] == {"probe 1": before["onset"]} and after["onset"] is None
     assert before["tool"] > 2.0 * before["interior"] and after["tool"] < 1.5
@@ -236,6 +243,7 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert f"{files / 'late0.h5'} NEXT.h5" in found["advice"]["command"]
     page = (out / "report.html").read_text()
     assert "before_after.html plays" in page and "What to record next" in page
+    assert f"<td>{runner_up['name']}" in page
     assert "force-delay stands out" in page and "Not verified" in page
 
     written = str(out / "material.yaml")
@@ -258,6 +266,8 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
         (["none.h5"], "no such file"),
         (["silent.h5"], "no recording holds a force"),
         (["plain0.h5", "--dx", "0"], "--dx 0"),
+        (["plain0.h5", "--placebo", "1"], "--placebo 1: a seed of zero or more"),
+        (["plain0.h5", "--holdout", "late1.h5", "--placebo", "-1"], "--placebo -1"),
         (["plain0.h5", "--effects", "empty.py"], "declares no effect"),
     ],
 )

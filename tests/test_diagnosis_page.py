@@ -230,7 +230,7 @@ def diagnosis():
     law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
     model = Model(law, values, (Cause(inclusion, 2.0, BALL, 0.1),))
     added = Naming(tuple(passes), model, model.causes, "ambiguous")
-    return Diagnosis(added, Model(law, values), (), 1000.0)
+    return Diagnosis(added, Model(law, values), 1000.0)
 
 
 def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):

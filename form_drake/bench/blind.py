@@ -4,6 +4,7 @@ The file of verdicts is a line of JSON for each case after one that names the co
 that was interrupted goes on where it stopped; other code does not go on in the same file.
 """
 
+import hashlib
 import json
 import sys
 import time
@@ -27,6 +28,7 @@ from form_drake.workers import copies, forkable, unordered
 
 PROBES = ("press", "shake", "heldout")
 SECONDS = 400.0  # a case takes about, on a core of its own
+PLACEBOS = 3  # one case of so many has placebos verified too
 TOP = 3  # effects that are told of simpler statistics
 
 Case = Callable[[], list[Recording]]
@@ -146,7 +148,8 @@ def run_blind(
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
 
     def told(name: str) -> dict[str, Any]:
-        return plain({"id": name, **_verdict(every[name], alone=alone)})
+        placebo = _placebo(name, head["seal"])
+        return plain({"id": name, **_verdict(every[name], alone=alone, placebo=placebo)})
 
     made = unordered(told, left, fork=fork)
     for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
@@ -156,7 +159,13 @@ def run_blind(
     return {**head, "results": results}
 
 
-def _verdict(case: Case, *, alone: bool = False) -> dict[str, Any]:
+def _placebo(name: str, seal: str) -> int | None:
+    """Seed of the placebos of a case, drawn by the seal; None: it has none."""
+    drawn = int(hashlib.sha256(f"{seal} {name}".encode()).hexdigest()[:8], 16)
+    return None if drawn % PLACEBOS else drawn
+
+
+def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     begun = time.perf_counter()
     try:
         press, *more = case()
@@ -167,11 +176,12 @@ def _verdict(case: Case, *, alone: bool = False) -> dict[str, Any]:
             effects=list(CATALOGUE.values()),
             thresholds=thresholds(),
             holdout=more[1:],
+            placebo=placebo,
         )
     except ValueError as error:
         return {"verdict": "error", "why": str(error), "seconds": time.perf_counter() - begun}
     told = found.to_json()
-    kept = {k: told[k] for k in ("verdict", "failed", "effects", "values", "gap")}
+    kept = {k: told[k] for k in ("verdict", "failed", "effects", "values", "gap", "placebos")}
     passes = [
         {
             "residual": p["residual"],

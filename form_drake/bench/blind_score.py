@@ -114,6 +114,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         "confusions": _confusions(results, truth),
         "sizes": sizes,
         "gap": _gaps(results, truth),
+        "placebos": _placebos(results, truth),
         "nulls": _nulls(results, truth),
         "ablation": _ablation(results, truth),
         "seconds": float(np.median([one["seconds"] for one in results])) if results else None,
@@ -149,6 +150,24 @@ def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, A
         "after/before": float(np.median([c["after"] / c["before"] for c in clear])),
         "closure": float(np.median([c["closure"] for c in clear])),
     }
+
+
+def _placebos(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """Closures of rightly named singles beside those of wrong effects in their place, medians.
+
+    Channels are those that are clear of floor and grid, which are the same for all.
+    """
+    closed: dict[str, list[float]] = {"named": [], "runner-up": [], "drawn": []}
+    count = 0
+    for one in results:
+        wrong = one.get("placebos") or []
+        if truth[one["id"]]["kind"] != "single" or not (wrong and _first(one, truth[one["id"]])):
+            continue
+        count += 1
+        for name, gap in zip(closed, (one["gap"], *(w["gap"] for w in wrong)), strict=False):
+            closed[name] += [c["closure"] for c in gap if c["closure"] is not None]
+    medians = {k: float(np.median(v)) for k, v in closed.items() if v}
+    return {"cases": count, **medians}
 
 
 def _ablation(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
@@ -197,5 +216,6 @@ def table(result: Mapping[str, Any]) -> str:
         rights, alarms = (f"{own[k][0]:3d} of {own[k][1]:3d}" for k in ("right", "false"))
         lines.append(f"columns alone, {way:10} right {rights}, nulls over {LEAST:g}: {alarms}")
     lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
+    lines += [f"placebos: {result['placebos']}"]
     lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
     return "\n".join(lines)

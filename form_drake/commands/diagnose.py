@@ -32,6 +32,8 @@ class Diagnose:
     holdout: tuple[Path, ...] = ()
     """Recordings of the same specimen on which what is found is verified, and which nothing else
     reads."""
+    placebo: int | None = None
+    """Seed: verify wrong effects too, the runner-up and one drawn by lot; about a minute more."""
     effects: Path | None = None
     """Python file with effects of your own; it is executed."""
     dx: float | None = None
@@ -51,6 +53,11 @@ class Diagnose:
         device(self.device)
         if self.dx is not None and not 0.0 < self.dx < np.inf:
             raise ValueError(f"--dx {self.dx:g}: a positive number of metres is wanted")
+        if self.placebo is not None and (self.placebo < 0 or not self.holdout):
+            raise ValueError(
+                f"--placebo {self.placebo}: a seed of zero or more is wanted, and --holdout"
+                " recordings on which to verify"
+            )
         if not self.recording:
             raise ValueError("no recording is given: the PATH of one or more .h5 files")
         effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
@@ -72,6 +79,7 @@ class Diagnose:
             thresholds=limits,
             start=start,
             holdout=holdout,
+            placebo=self.placebo,
             dx=self.dx,
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
@@ -90,6 +98,7 @@ class Diagnose:
             words += [f"--{name}", str(value)] if value is not None else []
         words += ["--force", self.force] if self.force != "sensor" else []
         words += ["--device", self.device] if self.device != "cpu" else []
+        words += ["--placebo", str(self.placebo)] if self.placebo is not None else []
         words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
         return shlex.join([*words, "--out", f"{out}-next"])
 

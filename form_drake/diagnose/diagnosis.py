@@ -1,13 +1,14 @@
 """The whole of a diagnosis: read, name, add, verify."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.placebo import Placebo, placebos
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Channel, Check
@@ -24,18 +25,23 @@ class Diagnosis:
     Attributes:
         naming: passes of scoring and adding.
         without: what fits best with nothing added.
-        channels: errors on held-out motions; empty: there are none, or nothing was added.
         density: of the specimen [kg/m^3].
-        simulated: the held-out scenes, without and with the effects.
-        measured: the held-out recordings.
+        check: held-out motions; None: there are none, or nothing was added.
+        after: the same, predicted with what was added.
+        placebos: wrong effects beside those that were added, if they were asked for.
     """
 
     naming: Naming
     without: Model
-    channels: tuple[Channel, ...]
     density: float
-    simulated: tuple[tuple[Recording, ...], tuple[Recording, ...]] = ((), ())
-    measured: tuple[Recording, ...] = ()
+    check: Check | None = None
+    after: tuple[Recording, ...] = ()
+    placebos: tuple[Placebo, ...] = ()
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """Errors on held-out motions."""
+        return tuple(self.check.channels(self.after)) if self.check else ()
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -96,6 +102,9 @@ class Diagnosis:
             closed = f"{100.0 * c.closure:6.0f} %" if c.counts else "       -"
             numbers = " ".join(f"{v:10.3g}" for v in (c.before, c.after, c.floor))
             lines.append(f"{c.name:24} {numbers} {closed} {c.unit}")
+        for p in self.placebos:
+            closed = ", ".join(f"{100.0 * c.closure:.0f} %" for c in p.channels if c.counts)
+            lines.append(f"placebo {p.effect.id} closes {closed or 'what is too small to tell'}")
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -133,18 +142,8 @@ class Diagnosis:
                 for p, left in zip(passes, self.ledgers, strict=True)
             ],
             "advice": self.advice.to_json(),
-            "gap": [
-                {
-                    "channel": c.name,
-                    "unit": c.unit,
-                    "before": c.before,
-                    "after": c.after,
-                    "floor": c.floor,
-                    "grid": c.grid,
-                    "closure": c.closure if c.counts else None,
-                }
-                for c in self.channels
-            ],
+            "gap": [c.to_json() for c in self.channels],
+            "placebos": [p.to_json() for p in self.placebos],
         }
 
 
@@ -156,6 +155,7 @@ def diagnosed(
     thresholds: Mapping[str, float],
     start: Model | None = None,
     holdout: Sequence[Recording] = (),
+    placebo: int | None = None,
     dx: float | None = None,
     device: str = "cpu",
     progress: Callable[[str], None] = lambda text: None,
@@ -169,6 +169,7 @@ def diagnosed(
         thresholds: scores by effect's id that nothing missing may reach.
         start: law and values to begin with; None: identified.
         holdout: recordings on which what is found is verified.
+        placebo: seed by which a wrong effect is drawn to be verified beside it; None: none is.
         dx: grid spacing of the twin [m]; None: chosen, see ``Scenes``.
         device: Warp device.
         progress: hears what is done.
@@ -188,12 +189,12 @@ def diagnosed(
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
     without = naming.passes[0].match.model
     density = problem.probes[0].body.density
+    told = Diagnosis(naming, without, density)
     if not holdout or not naming.added:
-        return Diagnosis(naming, without, (), density)
+        return told
     progress("predicting the held-out motion")
-    unseen = Scenes.of(tuple(holdout), dx, device)
-    check = Check.of(unseen, without)
-    after = tuple(unseen.rolled(naming.model))
-    channels = tuple(check.channels(after))
-    simulated = (check.before, after)
-    return Diagnosis(naming, without, channels, density, simulated, tuple(holdout))
+    check = Check.of(Scenes.of(tuple(holdout), dx, device), without)
+    told = replace(told, check=check, after=tuple(check.scenes.rolled(naming.model)))
+    if placebo is None:
+        return told
+    return replace(told, placebos=tuple(placebos(naming, check, placebo, progress)))

@@ -10,6 +10,7 @@ from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking,
 from form_drake.diagnose.ledger import BOOKS, Ledger
 from form_drake.diagnose.score import DETECTED, Score
 from form_drake.diagnose.verdict import LEAST
+from form_drake.diagnose.verify import Channel
 from form_drake.report import Report
 
 UNVERIFIED = (
@@ -132,7 +133,7 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
             [
                 c.name,
                 *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
-                f"{100.0 * c.closure:.0f} %" if c.counts else "too near to floor or grid",
+                _closed(c),
             ]
             for c in found.channels
         ],
@@ -140,9 +141,31 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
     page.figure(gaps(found.channels), "Errors before and after.")
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
-    before, after = found.simulated
-    for seen, a, b in zip(found.measured, before, after, strict=True):
+    if found.placebos:
+        page.table(
+            ["placebo", "fitted", "unit", *(f"{c.name} closed" for c in found.channels)],
+            [
+                [
+                    p.effect.id,
+                    f"{p.cause.coefficient:.3g}",
+                    p.effect.unit,
+                    *map(_closed, p.channels),
+                ]
+                for p in found.placebos
+            ],
+        )
+        page.paragraph(
+            "Placebos are effects of other classes, fitted to the same recordings: the best of them by"
+            " its score, and one drawn by lot. What is named should close more than they do."
+        )
+    if found.check is None:
+        return
+    for seen, a, b in zip(found.check.measured, found.check.before, found.after, strict=True):
         page.figure(overlay(seen, a, b), "Measured and predicted.")
+
+
+def _closed(channel: Channel) -> str:
+    return f"{100.0 * channel.closure:.0f} %" if channel.counts else "too near to floor or grid"
 
 
 def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str) -> None:

@@ -6,6 +6,7 @@ out of the errors before and after alike, so that neither is blamed for it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,18 +59,30 @@ class Channel:
         """Share of the gap above the floor that is closed."""
         return (self.before - self.after) / max(self.before - self.floor, 1e-300)
 
+    def to_json(self) -> dict[str, Any]:
+        """As in ``discrepancy.json``."""
+        return {
+            "channel": self.name,
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "floor": self.floor,
+            "grid": self.grid,
+            "closure": self.closure if self.counts else None,
+        }
+
 
 @dataclass(frozen=True)
 class Check:
     """Held-out motions, predicted.
 
     Attributes:
-        measured: recordings that were held back.
+        scenes: of the recordings that were held back.
         before: predicted without the effects.
         coarse: the same on a coarser grid.
     """
 
-    measured: tuple[Recording, ...]
+    scenes: Scenes
     before: tuple[Recording, ...]
     coarse: tuple[Recording, ...]
 
@@ -77,7 +90,12 @@ class Check:
     def of(cls, scenes: Scenes, without: Model) -> "Check":
         """Simulate held-out scenes with a model without effects."""
         before, coarse = (s.rolled(without) for s in (scenes, scenes.times(COARSER)))
-        return cls(scenes.recordings, tuple(before), tuple(coarse))
+        return cls(scenes, tuple(before), tuple(coarse))
+
+    @property
+    def measured(self) -> tuple[Recording, ...]:
+        """Recordings that were held back."""
+        return self.scenes.recordings
 
     def channels(self, after: Sequence[Recording]) -> list[Channel]:
         """Errors of the model without effects and of another one's recordings."""

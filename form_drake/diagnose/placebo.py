@@ -1,0 +1,90 @@
+"""Wrong effects on held-out motion: what was found must be worth more than they are."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from form_drake.diagnose.model import SEARCH, Cause
+from form_drake.diagnose.score import Score
+from form_drake.diagnose.search import matched
+from form_drake.diagnose.verdict import Found, Naming
+from form_drake.diagnose.verify import Channel, Check
+from form_drake.effects import Effect
+
+
+@dataclass(frozen=True)
+class Placebo:
+    """An effect of another class than those that were found, fitted in the place of the first.
+
+    Attributes:
+        cause: what it came out as.
+        channels: errors on held-out motions without it and with it.
+    """
+
+    cause: Cause
+    channels: tuple[Channel, ...]
+
+    @property
+    def effect(self) -> Effect:
+        return self.cause.effect
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``discrepancy.json``."""
+        return {
+            "name": self.effect.id,
+            "coefficient": self.cause.coefficient,
+            "gap": [c.to_json() for c in self.channels],
+        }
+
+
+def placebos(
+    naming: Naming,
+    check: Check,
+    seed: int,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Iterator[Placebo]:
+    """The runner-up, which scores best of other classes, and an effect that is drawn from the rest.
+
+    Effects that a simulation does not stand are passed over.
+
+    Args:
+        naming: with something that was added.
+        check: held-out motions.
+        seed: by which effects are drawn.
+        progress: hears what is tried.
+    """
+    first = naming.passes[0]
+    others = _others(naming)
+    rest = iter(others)
+    yield from _next(first, rest, check, progress)
+    left = list(rest)
+    drawn = (left[n] for n in np.random.default_rng(seed).permutation(len(left)))
+    yield from _next(first, drawn, check, progress)
+
+
+def _next(
+    found: Found, queue: Iterator[Score], check: Check, progress: Callable[[str], None]
+) -> Iterator[Placebo]:
+    """The first of a queue that can be simulated."""
+    for score in queue:
+        progress(f"placebo {score.effect.id}")
+        try:
+            yield _fitted(found, score, check)
+        except ValueError:
+            continue
+        return
+
+
+def _others(naming: Naming) -> list[Score]:
+    """Scores of the first pass of effects that are not of a class with what was added, best first."""
+    same = {c.effect.id for c in naming.added} | {i for p in naming.passes for i in p.alike}
+    return [s for s in naming.passes[0].ranked if s.effect.id not in same]
+
+
+def _fitted(found: Found, score: Score, check: Check) -> Placebo:
+    match = found.match.on(SEARCH)
+    size = score.effect.bounded(score.coefficient)
+    model = matched(match.near(match.model.more(score.effect, size, score.shape)), rough=True).told
+    return Placebo(model.causes[-1], tuple(check.channels(check.scenes.rolled(model))))
