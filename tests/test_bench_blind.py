@@ -10,7 +10,7 @@ import pytest
 from form_drake.__main__ import main
 from form_drake.bench import blind
 from form_drake.bench.blind_score import digest, score, wilson
-from form_drake.bench.blind_sizes import SIZES, compared
+from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
 from form_drake.effects import CATALOGUE
 
@@ -165,6 +165,31 @@ def test_sizes_are_compared_in_the_units_of_the_catalogue():
     assert (made["within"], made["of"]) == (5, 6)
     assert made["centres"] == [pytest.approx(5e-3)]
     assert made["fine"] == pytest.approx(0.01) and made["rough"] == pytest.approx(0.5)
+
+
+def test_the_least_size_that_is_named_is_read_off_faint_cases():
+    """Twice the predicted limit of a score of 16 scores 64 where the prediction is right."""
+    sizes = {"drag": {"c": 8.0}, "force-gain": {"gain": -0.04}, "yield": {"tau_y": 900.0}}
+    ball = {"factor": 1.4, "radius": 6e-3, "centre": [0.0, 0.0, 0.015]}
+    told = [  # limit, score
+        ("drag", 5.0, 64.0),
+        ("drag", 5.0, 16.0),
+        ("drag", 5.0, 4.0),
+        ("drag", 1.0, 1.0),  # not faint
+        ("force-gain", 0.05, 0.0),
+        ("yield", 0.05, 64.0),
+        ("inclusion", 0.5, 16.0),
+    ]
+    results, truth = [], {}
+    for n, (name, limit, scored) in enumerate(told):
+        effects = {name: ball if name == "inclusion" else sizes[name]}
+        truth[str(n)] = {"kind": "near", "effects": effects, "body": {**BODY, "size": [0.03] * 3}}
+        passes = [{"scores": {name: scored}}]
+        results.append({"id": str(n), "limits": {name: limit}, "passes": passes})
+    found = limits(results, truth)
+    ratios = {"drag": pytest.approx(2.0), "force-gain": None, "inclusion": pytest.approx(1.0)}
+    assert found["ratios"] == ratios
+    assert (found["close"], found["of"]) == (1, 3)
 
 
 def test_every_effect_has_a_size_to_compare():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.bench.blind import sealed, verdicts
-from form_drake.bench.blind_sizes import compared
+from form_drake.bench.blind_sizes import compared, limits
 from form_drake.diagnose.verdict import LEAST
 from form_drake.files import read_mapping
 
@@ -98,7 +98,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
     if lost:
         raise ValueError(f"{out}: case {lost[0]} is not in {key}")
     try:
-        sizes = compared(results, truth)
+        sizes, seen = compared(results, truth), limits(results, truth)
     except (KeyError, TypeError) as error:
         raise ValueError(
             f"{out}, {key}: an effect lacks its size, place or body, {error}"
@@ -113,6 +113,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         "rates": rates,
         "confusions": _confusions(results, truth),
         "sizes": sizes,
+        "limits": seen,
         "gap": _gaps(results, truth),
         "placebos": _placebos(results, truth),
         "nulls": _nulls(results, truth),
@@ -212,10 +213,13 @@ def table(result: Mapping[str, Any]) -> str:
     if sizes["centres"]:
         middle = 1e3 * float(np.median(sizes["centres"]))
         lines.append(f"{'centre of inclusions, median':44} {middle:.1f} mm")
+    seen = result["limits"]
+    lines.append(f"{'limits predicted within 1.5':44} {seen['close']:3d} of {seen['of']:3d}")
     for way, own in result["ablation"].items():
         rights, alarms = (f"{own[k][0]:3d} of {own[k][1]:3d}" for k in ("right", "false"))
         lines.append(f"columns alone, {way:10} right {rights}, nulls over {LEAST:g}: {alarms}")
     lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
+    lines += [f"limits, observed over predicted: {seen['ratios']}"]
     lines += [f"placebos: {result['placebos']}"]
     lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
     return "\n".join(lines)

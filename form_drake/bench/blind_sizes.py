@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.diagnose.score import DETECTED, RADIUS
+from form_drake.diagnose.verdict import LEAST
+
 Truth = Mapping[str, Any]
 Size = Callable[[Mapping[str, Any], Truth], float | None]
 ROUGH = (
@@ -16,6 +19,9 @@ ROUGH = (
     "added-mass",
     "inclusion",
 )  # a fifth is wanted, else a twentieth
+UNLIKE = ("yield", "hardening")  # their coefficients are no measure of how strong they are
+LINEAR = 5.0  # times the predicted limit, up to which a score grows as the square of a size
+CLOSE = 1.5  # factor within which a limit is predicted well
 COVERED = 1.645  # standard deviations of a 90 % interval
 
 
@@ -105,6 +111,35 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
         "centres": centres,
         **_medians(errors),
     }
+
+
+def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """Least sizes that are named beside those that were predicted, of single effects that are faint.
+
+    A score grows as the square of a size: the size at which half of such cases would exceed the
+    threshold is that of the case times the root of threshold over score. ``ratios`` are medians of
+    observed over predicted, by effect; none: most are not seen at all.
+    """
+    found: dict[str, list[float]] = {}
+    for one in results:
+        told, (name, *others) = truth[one["id"]], [*truth[one["id"]]["effects"], ""]
+        predicted = one.get("limits", {}).get(name)
+        if told["kind"] not in ("single", "near") or others != [""] or name in UNLIKE:
+            continue
+        size = SIZES[name](told["effects"][name], told["body"])
+        if predicted is None or size is None:
+            continue
+        least = predicted * np.sqrt(LEAST) / DETECTED
+        if name == "inclusion":
+            least *= (RADIUS * min(told["body"]["size"])) ** 3
+        if size < LINEAR * least:
+            score = one["passes"][0]["scores"].get(name, 0.0)
+            least_seen = size * np.sqrt(LEAST / score) if score else np.inf
+            found.setdefault(name, []).append(float(abs(least_seen) / least))
+    ratios = {name: float(np.median(values)) for name, values in sorted(found.items())}
+    close = sum(1.0 / CLOSE <= r <= CLOSE for r in ratios.values())
+    told = {name: r if np.isfinite(r) else None for name, r in ratios.items()}
+    return {"ratios": told, "close": close, "of": len(ratios)}
 
 
 def _medians(errors: Mapping[str, Sequence[float]]) -> dict[str, float | None]:

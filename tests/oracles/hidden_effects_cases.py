@@ -1,10 +1,12 @@
 """What is drawn for a hidden-effects case: specimen, motions, effects and their coefficients.
 
 EFFECTS and OUTSIDE give per effect and coefficient the lowest and highest value, drawn
-log-uniformly, a guessed threshold of visibility, what they are multiples of (1, E, E per mm, the
-height, E times area times strain or sqrt(2/3) E times strain, at the depth of the press) and
-"+-" where the sign is drawn. In kind ``near`` the first coefficient lies within a factor 2 of its
-threshold. SI units; angles in radians.
+log-uniformly, what they are multiples of (1, E, E per mm, the height, E times area times strain or
+sqrt(2/3) E times strain, at the depth of the press) and "+-" where the sign is drawn. LIMITS are the
+least values that a diagnosis of these probes says that it would see, and what they are multiples of:
+medians over 18 cases drawn by seed 15001. In kind ``near`` a coefficient that has one lies within a
+factor 2 of it; else, but for small cases, those in STRONG are 3 to 30 times as strong as their limit,
+as far as EFFECTS goes, to the power that makes them stronger. SI units; angles in radians.
 """
 
 import hashlib
@@ -16,35 +18,62 @@ PRELOAD = 0.007  # first depth of a frictionless plate, of the height
 CUT = 5e-4  # thickness of a crack [m]
 KINDS = ["single", "near", "null", "pair", "outside", "noise"]
 EFFECTS = {
-    "damping": {"eta": (60, 600, 10)},
-    "relaxation": {"g": (0.03, 0.3, 0.01), "t_r": (0.05, 1, 0.2)},
-    "yield": {"tau_y": (0.4, 0.75, 1.0, "stress")},
-    "hardening": {"tau_y": (0.3, 0.65, 0.95, "stress"), "h_y": (0.1, 0.5, 0.2, "E")},
-    "stiffening": {"C2": (0.3, 2.5, 0.08, "E")},
-    "rate-dependence": {"eta_n": (40, 400, 6), "n": (0.3, 0.7, 0.5)},
-    "anisotropy": {"k_f": (0.1, 1, 0.02, "E")},
-    "inclusion": {"factor": (2.5, 8, 1.3), "radius": (0.17, 0.28, 0.2, "height")},
-    "eigenstrain": {"swelling": (0.003, 0.03, 6e-4)},
-    "gravity-tilt": {"angle": (0.06, 0.35, 0.03)},
-    "density": {"excess": (0.1, 0.5, 0.04, 1, "+-")},
-    "added-mass": {"mass": (2e-3, 1.5e-2, 8e-4), "radius": (3e-3, 6e-3, 4e-3)},
-    "drag": {"c": (15, 120, 4.5)},
-    "tool-friction": {"friction": (0.05, 0.5, 0.015)},
-    "adhesion": {"strength": (200, 2000, 60)},
-    "floor-slip": {"shear": (0.1, 1, 5, "E/mm"), "friction": (0.1, 0.4, 0.8)},
-    "force-gain": {"gain": (0.03, 0.2, 0.006, 1, "+-")},
-    "force-bias": {"bias": (0.03, 0.2, 0.004, "force")},
-    "force-drift": {"rate": (0.02, 0.1, 0.004, "force")},
-    "force-delay": {"delay": (5e-3, 4e-2, 1.5e-3)},
-    "camera-scale": {"scale": (3e-3, 0.02, 5e-4, 1, "+-")},
-    "camera-pose": {"angle": (5e-3, 0.05, 5e-4)},
+    "damping": {"eta": (60, 600)},
+    "relaxation": {"g": (0.03, 0.3), "t_r": (0.05, 1)},
+    "yield": {"tau_y": (0.4, 0.75, "stress")},
+    "hardening": {"tau_y": (0.3, 0.65, "stress"), "h_y": (0.1, 0.5, "E")},
+    "stiffening": {"C2": (0.3, 2.5, "E")},
+    "rate-dependence": {"eta_n": (40, 400), "n": (0.3, 0.7)},
+    "anisotropy": {"k_f": (0.1, 1, "E")},
+    "inclusion": {"factor": (2.5, 8), "radius": (0.17, 0.28, "height")},
+    "eigenstrain": {"swelling": (0.003, 0.03)},
+    "gravity-tilt": {"angle": (0.06, 0.35)},
+    "density": {"excess": (0.1, 0.5, 1, "+-")},
+    "added-mass": {"mass": (2e-3, 1.5e-2), "radius": (3e-3, 6e-3)},
+    "drag": {"c": (15, 120)},
+    "tool-friction": {"friction": (0.05, 0.5)},
+    "adhesion": {"strength": (200, 2000)},
+    "floor-slip": {"shear": (0.1, 1, "E/mm"), "friction": (0.1, 0.4)},
+    "force-gain": {"gain": (0.03, 0.4, 1, "+-")},
+    "force-bias": {"bias": (0.03, 0.2, "force")},
+    "force-drift": {"rate": (0.02, 0.1, "force")},
+    "force-delay": {"delay": (5e-3, 4e-2)},
+    "camera-scale": {"scale": (3e-3, 0.02, 1, "+-")},
+    "camera-pose": {"angle": (5e-3, 0.05)},
 }
 OUTSIDE = {
-    "mullins": {"damage": (0.3, 0.7, 0.1), "W_m": (3e-4, 2e-3, 1e-3, "E")},
-    "modulus-drift": {"drift": (0.03, 0.15, 0.01, 1, "+-")},
-    "crack": {"left": (0.01, 0.03, 0.5)},
-    "hidden-wall": {"gap": (1e-5, 2e-4, 3e-4)},
+    "mullins": {"damage": (0.3, 0.7), "W_m": (3e-4, 2e-3, "E")},
+    "modulus-drift": {"drift": (0.03, 0.15, 1, "+-")},
+    "crack": {"left": (0.01, 0.03)},
+    "hidden-wall": {"gap": (1e-5, 2e-4)},
 }
+LIMITS = {
+    "damping": {"eta": (4e-4, "E")},
+    "relaxation": {"g": (0.023, 1)},
+    "yield": {"tau_y": (1.0, "stress")},
+    "hardening": {"tau_y": (0.95, "stress")},
+    "stiffening": {"C2": (0.04, "E")},
+    "rate-dependence": {"eta_n": (2e-4, "E")},
+    "anisotropy": {"k_f": (0.012, "E")},
+    "inclusion": {"factor": (1.2, 1)},
+    "eigenstrain": {"swelling": (8.5e-5, 1)},
+    "gravity-tilt": {"angle": (0.02, 1)},
+    "density": {"excess": (0.06, 1)},
+    "added-mass": {"mass": (2e-3, 1)},
+    "drag": {"c": (1.3e-4, "E")},
+    "tool-friction": {"friction": (0.01, 1)},
+    "adhesion": {"strength": (4e-3, "E")},
+    "floor-slip": {"shear": (0.6, "E/mm"), "friction": (0.8, 1)},
+    "force-gain": {"gain": (0.06, 1)},
+    "force-bias": {"bias": (7e-3, "force")},
+    "force-drift": {"rate": (4e-3, "force")},
+    "force-delay": {"delay": (1.5e-3, 1)},
+    "camera-scale": {"scale": (8.5e-5, 1)},
+    "camera-pose": {"angle": (3.5e-4, 1)},
+}
+STRONG = dict.fromkeys(LIMITS, 1) | {"floor-slip": -1}
+for _other in ("yield", "hardening", "inclusion"):  # their coefficients are no measure of strength
+    del STRONG[_other]
 MEMORY = {"relaxation", "yield", "hardening", "mullins"}  # at most one of them
 PRESS = np.array([(0.15, 0), (1.0, 0.7), (1.15, 0.7), (1.35, 0.35), (1.45, 0.35), (1.65, 1)])
 OSCILLATION, RETURN = (1.75, 2.45), (2.45, 2.8)  # of 2.9 s
@@ -121,20 +150,34 @@ def specimen(rng, small):
     }  # fmt: skip
 
 
-def drawn(effect, rng, body, near=False):
+def span(effect, name, unit, kind, small):
+    """Lowest and highest value of a coefficient, in SI units."""
+    low, high, *more = (EFFECTS | OUTSIDE)[effect][name]
+    low, high = (x * unit[more[0] if more else 1] for x in (low, high))
+    if name not in LIMITS.get(effect, {}):
+        return low, high
+    limit, of = LIMITS[effect][name]
+    limit, power = limit * unit[of], STRONG.get(effect)
+    if kind == "near":
+        return limit / 2, 2 * limit
+    if small or power is None:
+        return low, high
+    if power < 0:
+        return max(limit / 30, low), limit / 3
+    return 3 * limit, max(3 * limit, min(30 * limit, high))
+
+
+def drawn(effect, rng, body, kind="single", small=False):
     """Coefficients of an effect, and its shape: axis, centre, direction, whichever it has."""
     size = np.array(body["size"])
     force = body["E"] * size[0] * size[1] * body["press"]["depth"]
     stress = np.sqrt(2 / 3) * body["E"] * body["press"]["depth"]
     unit = {1: 1, "E": body["E"], "E/mm": body["E"] * 1e3, "height": size[2], "force": force}
     unit["stress"] = stress
-    found, table = {}, EFFECTS | OUTSIDE
-    for k, (name, (low, high, threshold, *more)) in enumerate(table[effect].items()):
-        x = log_uniform(rng, low, high)
-        if near and (k == 0 or effect == "floor-slip"):
-            x = threshold * log_uniform(rng, 0.5, 2)
-        sign = rng.choice([-1, 1]) if "+-" in more else 1
-        found[name] = float(sign * x * unit[more[0] if more else 1])
+    found = {}
+    for name, told in (EFFECTS | OUTSIDE)[effect].items():
+        x = log_uniform(rng, *span(effect, name, unit, kind, small))
+        found[name] = float(x * (rng.choice([-1, 1]) if "+-" in told else 1))
     azimuth, axis = rng.uniform(0, 2 * np.pi), direction(rng)
     centre = (size * rng.uniform([-0.15, -0.15, 0.4], [0.15, 0.15, 0.6])).tolist()
     if effect == "floor-slip":  # one of the two ways
@@ -171,7 +214,7 @@ def case_of(seed, kind, effect=None, small=False, draw=0):
     if {"tool-friction", "adhesion"} & set(names):
         body["bonded"], body["opens"] = False, body["opens"] or "adhesion" in names
     rng = np.random.default_rng([seed, 1, draw]) if draw else rng
-    effects = {name: drawn(name, rng, body, kind == "near") for name in names}
+    effects = {name: drawn(name, rng, body, kind, small) for name in names}
     wrong = [{"factor": 2.0}, {"length": rng.uniform(0.004, 0.012), "time": rng.uniform(0.05, 0.3)}]
     noise = wrong[rng.integers(2)] if kind == "noise" else {}
     name = hashlib.sha256(f"hidden effects {seed} {kind} {effect} {small}".encode())
