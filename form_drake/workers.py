@@ -36,12 +36,12 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
 
 
 def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> Iterator[R]:
-    """The same as they come, an exception too."""
+    """The same as they come, an exception too; each task in a copy of its own, memory and all."""
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:
         yield from map(task, todo)
         return
-    with _pool(task, todo) as pool:
+    with _pool(task, todo, each=1) as pool:
         yield from pool.imap_unordered(_done, range(len(todo)))
 
 
@@ -58,9 +58,9 @@ def copies(count: int, *, fork: bool = True) -> int:
     return max(1, min(count, len(os.sched_getaffinity(0))))
 
 
-def _pool(task: Callable[[Any], Any], items: list[Any]) -> Pool:
+def _pool(task: Callable[[Any], Any], items: list[Any], each: int | None = None) -> Pool:
     count = copies(len(items))
-    return multiprocessing.get_context("fork").Pool(count, _begin, (task, items))
+    return multiprocessing.get_context("fork").Pool(count, _begin, (task, items), each)
 
 
 def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:

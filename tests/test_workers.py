@@ -53,3 +53,14 @@ def test_what_is_made_comes_at_once():
     made = list(unordered(task, range(3)))
     assert sorted(made) == [0, 1, 2] and (made[-1] == 0 or CORES == 1)
     assert list(unordered(task, range(3), fork=False)) == [0, 1, 2]
+
+
+@pytest.mark.skipif(CORES == 1, reason="nothing is copied on one core")
+def test_each_task_begins_with_a_memory_of_its_own():
+    told = []
+
+    def task(n):
+        told.append(n)
+        return len(told)
+
+    assert list(unordered(task, range(5))) == [1] * 5
