@@ -17,9 +17,9 @@ BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
 MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
 
 
-def begun(plate, seconds):
+def begun(plate, seconds, **more):
     """A twin beside noisy data of the same model."""
-    plan = BLOCK.press(plate, seconds)
+    plan = BLOCK.press(plate, seconds, **more)
     (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
     scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
     problem, _ = read(scenes, MODEL.law, {})
@@ -72,6 +72,18 @@ def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     assert asked == ["density"]
     (cause,) = acting.told.causes
     assert acting.worth == pytest.approx((cause.coefficient / cause.std) ** 2, rel=1e-6)
+
+
+def test_what_holds_a_face_is_worth_what_changes_without_it():
+    """A plate that does not come off pulls as hard however much harder it could."""
+    match = begun("frictionless", 0.8, opens=True)
+    stuck, rubbed = (
+        match.near(MODEL.more(CATALOGUE[name], size, {}))
+        for name, size in (("adhesion", 5e4), ("tool-friction", 0.1))
+    )
+    assert stuck.worth > 100.0 and stuck.told.causes[0].told is None
+    assert stuck.told.material(1000.0).effects[0].std is None
+    assert rubbed.worth == pytest.approx((0.1 / rubbed.told.causes[0].std) ** 2, rel=0.5)
 
 
 def test_a_twin_on_another_grid_has_the_same_gap():

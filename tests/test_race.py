@@ -106,6 +106,14 @@ def test_the_nearest_simulation_wins_whatever_the_scores_say(course):
     assert [r.score.effect.id for r in (near, other)] == ["damping", "drag"]
 
 
+def test_what_lets_go_of_a_face_is_tried_wherever_it_is_seen(course):
+    match, ways = course
+    ways |= {("density",): [900.0, 800.0, 790.0], ("adhesion",): [950.0, 20.0]}
+    seen = [score("density", 500.0), score("damping", 60.0), score("adhesion", 30.0)]
+    (only,) = race.raced(match, seen)  # damping, as faint, is linear: it is not tried
+    assert only.score.effect.id == "adhesion" and only.apart == pytest.approx(20.0)
+
+
 def test_one_of_each_class_is_tried(course):
     match, ways = course
     ways |= {("drag",): [900.0, 30.0]}
@@ -178,6 +186,11 @@ def test_what_is_worth_too_little_when_all_is_refitted_is_not_named(monkeypatch)
     found, after = added(monkeypatch, [runner("floor-slip", 85.0, 80.0, worth=9.0)])
     assert (found.refused, after) == (("floor-slip",), None)
     assert added(monkeypatch, [runner("floor-slip", 85.0, 80.0, worth=17.0)])[1] is not None
+
+
+def test_a_gap_that_closes_by_what_is_worth_nothing_is_not_noise(monkeypatch):
+    found, after = added(monkeypatch, [runner("floor-slip", 25.0, 20.0, worth=9.0)])
+    assert found.best.effect.id == "floor-slip" and after is None
 
 
 def test_what_no_simulation_explains_and_no_chance_does_is_not_in_the_catalogue(monkeypatch):

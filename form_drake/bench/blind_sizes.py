@@ -71,7 +71,8 @@ SIZES: dict[str, Size] = {
 
 def found(named: Mapping[str, Any]) -> tuple[float, float]:
     """Size of what was named, and its standard deviation; signs of directed effects are their direction's."""
-    size, std, where = named["coefficient"], named["std"], named["where"]
+    size, where = named["coefficient"], named["where"]
+    std = np.nan if named["std"] is None else named["std"]
     if named["name"] in ("yield", "hardening"):
         return where["strain"], named.get("spread", {}).get("strain", np.nan)
     if named["name"] == "inclusion":

@@ -7,7 +7,7 @@ from typing import Any
 
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.ledger import Ledger, ledgers
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.placebo import Placebo, placebos
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
@@ -71,7 +71,7 @@ class Diagnosis:
     def sentence(self) -> str:
         """The verdict in words."""
         told = "; ".join(
-            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} ± {c.std:.1g} {c.effect.unit}"
+            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} {_sure(c)}{c.effect.unit}"
             + (f"; its column is like that of {', '.join(p.alike)})" if p.alike else ")")
             for c, p in zip(self.naming.added, self.naming.passes, strict=False)
         )
@@ -117,7 +117,7 @@ class Diagnosis:
                     "name": cause.effect.id,
                     "class": sorted({cause.effect.id, *passes[n].alike}),
                     "coefficient": cause.coefficient,
-                    "std": cause.std,
+                    "std": cause.told,
                     "unit": cause.effect.unit,
                     "where": dict(cause.shape),
                     "spread": dict(cause.spread),
@@ -145,6 +145,10 @@ class Diagnosis:
             "gap": [c.to_json() for c in self.channels],
             "placebos": [p.to_json() for p in self.placebos],
         }
+
+
+def _sure(cause: Cause) -> str:
+    return "or any other " if cause.told is None else f"± {cause.told:.1g} "
 
 
 def diagnosed(

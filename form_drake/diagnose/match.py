@@ -234,11 +234,17 @@ class Match:
 
     @property
     def worth(self) -> float:
-        """What the gap's square would grow by without the last cause, to first order."""
-        begin = self.parts[-1]
-        others, own = self.explained[:, :begin], self.explained[:, begin]
+        """What the gap's square would grow by without the last cause, all else refitted to first order.
+
+        What holds or lets go of a face may change no more with its size, and all without it: it is
+        simulated without.
+        """
+        begin, (*rest, last) = self.parts[-1], self.model.causes
+        others, own = self.explained[:, :begin], last.coefficient * self.explained[:, begin]
+        if last.effect.switches:
+            own = self.near(replace(self.model, causes=tuple(rest))).gap - self.gap
         basis = np.linalg.qr(others[:, self._seen[:begin]])[0]
-        own = self.model.causes[-1].coefficient * (own - basis @ (basis.T @ own))
+        own = own - basis @ (basis.T @ own)
         return float(own @ own)
 
     @cached_property

@@ -27,7 +27,7 @@ class Cause:
         effect: of a catalogue.
         coefficient: in its unit.
         shape: values of its shape parameters.
-        std: of the coefficient.
+        std: of the coefficient; infinite: what is measured does not tell its size.
         spread: standard deviations of the shape parameters that were refined and are seen.
     """
 
@@ -36,6 +36,11 @@ class Cause:
     shape: Shape
     std: float = 0.0
     spread: Shape = field(default_factory=dict)
+
+    @property
+    def told(self) -> float | None:
+        """Standard deviation for a file; None: it is infinite."""
+        return self.std if np.isfinite(self.std) else None
 
     @property
     def unknowns(self) -> int:
@@ -116,7 +121,7 @@ class Model:
                 world = cause.effect.world(plain, cause.coefficient, cause.shape)
                 law, values = world.law, dict(world.values)
             else:
-                beside.append(Acting(cause.effect.id, cause.coefficient, cause.shape, cause.std))
+                beside.append(Acting(cause.effect.id, cause.coefficient, cause.shape, cause.told))
         return Material(law, values, density, effects=tuple(beside))
 
     def more(self, effect: Effect, size: float, shape: Shape) -> "Model":

@@ -63,7 +63,7 @@ def _specimen(page: Report, found: Diagnosis) -> None:
                 [
                     c.effect.id,
                     f"{c.coefficient:.4g}",
-                    f"{c.std:.2g}",
+                    "not told" if c.told is None else f"{c.told:.2g}",
                     c.effect.unit,
                     ", ".join(f"{k} {v:.4g}" for k, v in c.shape.items()),
                 ]

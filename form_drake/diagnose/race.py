@@ -1,7 +1,8 @@
 """Which effect it is, by simulation: what scores say to first order is not enough for strong ones.
 
 The few effects that explain nearly as much as the best begin where their scores are best, one with a
-place at others too. A few steps of each show which comes nearest to the data.
+place at others too. What holds or lets go of a face is not linear in its size: it begins wherever it
+is seen. A few steps of each show which comes nearest to the data.
 """
 
 from collections.abc import Callable, Sequence
@@ -73,15 +74,7 @@ def raced(
     """
     match = match.on(SEARCH)
     runners, failure = [], ValueError("no effect is given")
-    field = list[Score]()
-    for score in seen:
-        near = score.score > NEARLY * seen[0].score
-        if (
-            near
-            and len(field) < FIELD
-            and not coherence([score, *field])[0, 1:].max(initial=0.0) > SAME
-        ):
-            field.append(score)
+    field = _field(seen)
     starts = [start for score in field for start in _starts(match, score, seen[0].score)]
     for start in starts:
         progress(f"trying {start.effect.id}")
@@ -103,6 +96,17 @@ def raced(
     for runner in runners:
         first.setdefault(runner.score.effect.id, runner)
     return list(first.values())
+
+
+def _field(seen: Sequence[Score]) -> list[Score]:
+    """What is simulated: of effects that no simulation would tell apart, the first."""
+    field = list[Score]()
+    for score in seen:
+        near = score.score > NEARLY * seen[0].score and len(field) < FIELD
+        alike = coherence([score, *field])[0, 1:].max(initial=0.0) > SAME
+        if (near or score.effect.switches) and not alike:
+            field.append(score)
+    return field
 
 
 def _starts(match: Match, score: Score, best: float) -> list[Score]:

@@ -141,8 +141,8 @@ def _added(
 ) -> tuple[Found, Match | None]:
     """What is added, and the twin with it; None: nothing, or there have been enough.
 
-    A column that takes more than simulations do by its threshold is no chance: something is missing
-    that is like it, and no effect is it.
+    A column that takes more than simulations do by its threshold is no chance, nor is a simulation that
+    takes so much more than it is worth: something is missing that is like it, and no effect is it.
 
     Raises:
         ValueError: the effect that comes nearest cannot be simulated.
@@ -151,24 +151,23 @@ def _added(
         return found, None
     if last:
         return replace(found, best=found.seen[0]), None
-    runners, refused = raced(found.match, found.seen, progress), list[str]()
+    runners, refused, first = raced(found.match, found.seen, progress), list[str](), found.seen[0]
+    gain = max(0.0, *(found.left - runner.left for runner in runners))
+    odd = first.score - gain
     for runner in runners:
-        effect, after = runner.score.effect, None
-        if found.left - runner.left > found.wanted(effect, thresholds):
+        effect = runner.score.effect
+        wanted = found.wanted(effect, thresholds)
+        if found.left - runner.left > wanted:
             progress(f"adding {effect.id}")
             after = runner.matched()
-        if after is not None and _gain(found, after) > found.wanted(effect, thresholds):
-            return _judged(found, runner, runners, refused), after
+            gain = found.left - float(np.sum(after.left**2))
+            if min(gain, after.worth) > wanted:  # by the weights before, and by its own
+                return _judged(found, runner, runners, refused), after
+            odd = max(odd, gain - after.worth)
         refused.append(effect.id)
-    found, first = replace(found, refused=tuple(refused)), found.seen[0]
-    gain = max(0.0, *(found.left - runner.left for runner in runners))
-    chance = first.score - gain <= found.wanted(first.effect, thresholds)
+    found = replace(found, refused=tuple(refused))
+    chance = odd <= found.wanted(first.effect, thresholds)
     return (found if chance else replace(found, best=first)), None
-
-
-def _gain(found: Found, after: Match) -> float:
-    """What the cause that was added last explains, by the weights before and by its own."""
-    return min(found.left - float(np.sum(after.left**2)), after.worth)
 
 
 def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:

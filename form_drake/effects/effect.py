@@ -161,6 +161,11 @@ class Effect:
             if len(set(values)) < 2 and "radius" not in self.shapes:
                 raise ValueError(f"effect {self.id}: shape {key} wants two values or more")
 
+    @property
+    def switches(self) -> bool:
+        """Whether it holds or lets go of a face, so that what it changes is not linear in its size."""
+        return self.column is None
+
     def bounded(self, size: float, now: float = 0.0) -> float:
         """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""
         least = self.least if self.signed else 0.0
