@@ -1,0 +1,1 @@
+"""From pictures to motion: cameras, rendering, correlation of pictures, places in space."""

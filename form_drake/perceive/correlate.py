@@ -1,0 +1,171 @@
+"""Digital image correlation: parts of a first picture, found again in later ones to thousandths of a pixel.
+
+A part is matched by inverse-compositional Gauss-Newton steps on the zero-mean normalised squared
+difference (Baker and Matthews 2004; Pan, Li and Tong 2013). What brightness, contrast and blur do (pixels
+too, which are blurs that do not deform) is projected off its slopes once, so that a step is one product
+with the sampled picture. Always it is the first picture that is sought: nothing drifts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from form_drake.perceive.kernels import row, stepping, vec
+from form_drake.perceive.splines import MARGIN, coefficients, read
+from form_drake.perceive.warps import AFFINE, SIZE, monomials
+
+FLAT = 1e-6  # of the strongest direction, from which texture shows a warp
+TINY = 1e-300
+FAINT = 1.0  # grey value, root mean square, from which there is texture
+
+
+def grid(half: int) -> np.ndarray:
+    """Pixels of a part from its middle [px], shape [pixels, 2]."""
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    return np.stack([x.ravel(), y.ravel()], axis=-1).astype(float)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Square parts of a first picture.
+
+    Attributes:
+        middle: x to the right and y down [px], shape [parts, 2].
+        half: pixels from the middle to the rim.
+        free: numbers of a warp that are found, 6 or 12.
+        values: grey values less their mean, shape [parts, pixels].
+        mean: that mean, shape [parts].
+        light: what brightness, contrast and blur change, orthonormal, shape [parts, pixels, 5].
+        steps: of a warp by grey values, shape [parts, 12, pixels].
+    """
+
+    middle: np.ndarray
+    half: int
+    free: int
+    values: np.ndarray
+    mean: np.ndarray
+    light: np.ndarray
+    steps: np.ndarray
+
+    @classmethod
+    def of(
+        cls, picture: np.ndarray, middle: np.ndarray, half: int, *, affine: bool = False
+    ) -> "Parts":
+        """Cut out of a picture.
+
+        Args:
+            picture: grey values, shape [rows, columns].
+            middle: of the parts [px], shape [parts, 2].
+            half: pixels from the middle to the rim.
+            affine: whether warps are of first order, instead of second.
+
+        Raises:
+            ValueError: a part leaves the picture, or has no texture.
+        """
+        high = np.array(picture.shape[::-1]) - 1.0
+        room = np.minimum(middle, high - middle).min(axis=1) - half - MARGIN
+        if room.min(initial=0.0) < 0.0:
+            raise ValueError(
+                f"a part at {_told(middle, room)} px leaves the picture of {high[0] + 1:g} x"
+                f" {high[1] + 1:g} px; its rim is {half} px from its middle"
+            )
+        told = read(coefficients(picture), middle[:, None] + grid(half))
+        terms = monomials(grid(half))
+        columns = np.concatenate([told[k][..., None] * terms for k in "xy"], axis=-1)
+        chosen = list(AFFINE if affine else range(SIZE))
+        mean = told[""].mean(axis=1)
+        values = told[""] - mean[:, None]
+        bends = [told[k] for k in ("xx", "xy", "yy")]
+        light = np.linalg.qr(np.stack([np.ones_like(values), values, *bends], axis=-1))[0]
+        faint = np.sqrt(np.mean(values**2, axis=1)) < FAINT
+        steps = np.zeros((len(middle), SIZE, values.shape[1]))
+        steps[:, chosen] = _solved(columns[..., chosen], light, faint, middle)
+        return cls(middle, half, len(chosen), values, mean, light, steps)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Covariance of the middles where grey values vary by one [px^2], shape [parts, 2, 2]."""
+        own = self.steps[:, [0, 6]]
+        return np.asarray(own @ own.transpose(0, 2, 1))
+
+
+def _told(middle: np.ndarray, size: np.ndarray) -> str:
+    """Where the worst part is."""
+    x, y = middle[int(size.argmin())]
+    return f"({x:.1f}, {y:.1f})"
+
+
+def _solved(
+    columns: np.ndarray, light: np.ndarray, faint: np.ndarray, middle: np.ndarray
+) -> np.ndarray:
+    """Steps by grey values, shape [parts, numbers, pixels]."""
+    columns = columns - light @ (light.transpose(0, 2, 1) @ columns)
+    length = np.linalg.norm(columns, axis=1)
+    columns = columns / np.maximum(length, TINY)[:, None]
+    normal = columns.transpose(0, 2, 1) @ columns
+    least = np.where(faint, 0.0, np.linalg.eigvalsh(normal)[:, 0])
+    if least.min(initial=1.0) < FLAT:
+        raise ValueError(
+            f"a part at {_told(middle, least)} px has no texture that would show how it moves: choose"
+            " another place or larger parts"
+        )
+    steps: np.ndarray = np.linalg.solve(normal, columns.transpose(0, 2, 1)) / length[..., None]
+    return steps
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Parts in a later picture.
+
+    Attributes:
+        warps: shape [parts, 12].
+        likeness: correlation of grey values, 1 at best, shape [parts].
+        settled: whether the steps came to rest inside the picture, shape [parts].
+        covariance: of the middles [px^2], from the grey values that are left, shape [parts, 2, 2].
+    """
+
+    warps: np.ndarray
+    likeness: np.ndarray
+    settled: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def shift(self) -> np.ndarray:
+        """Of the middles [px], shape [parts, 2]."""
+        return self.warps[:, [0, 6]]
+
+
+def matched(parts: Parts, picture: np.ndarray, start: np.ndarray, device: str = "cpu") -> Matches:
+    """Parts of a first picture in another one.
+
+    Args:
+        parts: of the first.
+        picture: grey values of the other, shape [rows, columns].
+        start: warps to begin with, within a speckle of the truth, shape [parts, 12].
+        device: Warp device.
+    """
+    count, pixels = parts.values.shape
+    inputs = [
+        wp.array(a, dtype=kind, device=device)
+        for a, kind in (
+            (coefficients(picture).astype(np.float32), wp.float32),
+            (parts.middle, wp.vec2d),
+            (grid(parts.half), wp.vec2d),
+            (parts.values.astype(np.float32), wp.float32),
+            (parts.mean.astype(np.float32), wp.float32),
+            (np.ascontiguousarray(parts.steps.transpose(0, 2, 1), np.float32), row),
+        )
+    ]
+    warps = wp.array(start, dtype=vec, device=device)
+    told = wp.zeros(count, dtype=wp.vec2d, device=device)
+    left = wp.zeros((count, pixels), dtype=wp.float32, device=device)
+    outputs = [warps, told, left]
+    wp.launch(stepping(), count, [*inputs, float(parts.half)], outputs, device=device)
+    settled, likeness = told.numpy().T
+    rest = left.numpy()[..., None].astype(float)
+    rest -= parts.light @ (parts.light.transpose(0, 2, 1) @ rest)
+    freedom = pixels - parts.free - parts.light.shape[2]
+    variance = np.sum(rest[..., 0] ** 2, axis=1) / freedom
+    covariance = parts.spread * variance[:, None, None]
+    return Matches(warps.numpy(), likeness, settled > 0.0, covariance)

@@ -1,0 +1,212 @@
+"""Points of a first picture, followed through those after it.
+
+Optical flow from one picture to the next, fitted by lines among neighbours, tells where to begin;
+correlation with the first picture tells where a point is, so that no error adds up. What is lost is
+said, and sought again from its neighbours in every picture.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from form_drake.perceive.correlate import Matches, Parts, matched
+from form_drake.perceive.warps import affine
+
+SMOOTH = 0.5  # pixels, by which pictures are smoothed: between pixels they are splines rather
+NEIGHBOURS = 12  # whose flow is fitted by a line
+ALIKE = 0.8  # correlation, below which a point is lost
+BENT = (
+    9.0  # of the square of what a second-order warp shifts, in its variance, from which it counts
+)
+FAR = 6.0  # times the scatter of its neighbours, by which a point is off them
+LEAST = 0.05  # pixels, of that scatter
+ROBUST = 4  # rounds of weights that grow smaller with distance
+RIDGE = (1e-9, 1e-3, 1e-3)  # keeps points without neighbours still
+TINY = 1e-9
+WINDOW, LEVELS = 21, 3  # of the optical flow
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where points are in one picture.
+
+    Attributes:
+        pixel: x to the right and y down [px]; NaN: it is lost, shape [points, 2].
+        covariance: [px^2], shape [points, 2, 2].
+        likeness: correlation with the first picture, shape [points].
+        warps: about each, shape [points, 12]; of lost ones those of their neighbours.
+    """
+
+    pixel: np.ndarray
+    covariance: np.ndarray
+    likeness: np.ndarray
+    warps: np.ndarray
+
+    @property
+    def held(self) -> np.ndarray:
+        """Which are not lost, shape [points]."""
+        return np.asarray(np.isfinite(self.pixel[:, 0]))
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """Parts of a first picture, and who their neighbours are.
+
+    Attributes:
+        straight: parts whose warps are of first order.
+        bent: the same of second order.
+        near: neighbours, shape [points, neighbours].
+        device: Warp device.
+    """
+
+    straight: Parts
+    bent: Parts
+    near: np.ndarray
+    device: str = "cpu"
+
+    @classmethod
+    def of(
+        cls, picture: np.ndarray, points: np.ndarray, half: int = 12, device: str = "cpu"
+    ) -> "Tracker":
+        """Begin with a first picture.
+
+        Args:
+            picture: grey values, 0 to 255, shape [rows, columns].
+            points: [px], shape [points, 2].
+            half: pixels from a point to the rim of what is compared.
+            device: Warp device.
+
+        Raises:
+            ValueError: fewer than three points, or see ``Parts.of``.
+        """
+        if len(points) < 3:
+            raise ValueError(f"{len(points)} points: three are wanted at least")
+        seen = _smooth(picture)
+        straight, bent = (Parts.of(seen, points, half, affine=a) for a in (True, False))
+        count = min(NEIGHBOURS + 1, len(points))
+        near = cKDTree(points).query(points, count)[1][:, 1:]
+        return cls(straight, bent, near, device)
+
+    @property
+    def first(self) -> Points:
+        """In the first picture."""
+        count = len(self.straight.middle)
+        return Points(
+            self.straight.middle, np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 12))
+        )
+
+    def follow(self, pictures: Iterable[np.ndarray]) -> Iterator[Points]:
+        """Points in each of some pictures; the first is that in which they were chosen."""
+        before, points = None, self.first
+        for picture in pictures:
+            points = self.next(before, picture, points) if before is not None else points
+            before = picture
+            yield points
+
+    def next(self, before: np.ndarray, picture: np.ndarray, points: Points) -> Points:
+        """Points in the picture after one in which they are known.
+
+        Raises:
+            ValueError: pictures of other sizes.
+        """
+        if picture.shape != before.shape:
+            now, then = (f"{p.shape[1]} x {p.shape[0]} px" for p in (picture, before))
+            raise ValueError(f"a picture of {now} after one of {then}")
+        flow = flown(before, picture, points.warps[:, [0, 6]] + self.straight.middle)
+        shift = points.warps[:, [0, 6]] + flow
+        shift[~points.held] = np.nan
+        found = self._matched(picture, self._lines(shift))
+        again = ~found.held
+        if again.any():
+            second = self._matched(picture, self._lines(found.pixel - self.straight.middle))
+            found = _where(again & second.held, second, found)
+        return found
+
+    def _matched(self, picture: np.ndarray, start: np.ndarray) -> Points:
+        seen = _smooth(picture)
+        line = matched(self.straight, seen, start, self.device)
+        curve = matched(self.bent, seen, line.warps, self.device)
+        bent = curve.settled & self._bends(line, curve)
+        warps = np.where(bent[:, None], curve.warps, line.warps)
+        likeness = np.where(bent, curve.likeness, line.likeness)
+        covariance = np.where(bent[:, None, None], curve.covariance, line.covariance)
+        held = (bent | line.settled) & (likeness > ALIKE)
+        pixel = self.straight.middle + warps[:, [0, 6]]
+        pixel[~held] = np.nan
+        off = self._off(pixel - self.straight.middle)
+        pixel[off] = np.nan
+        lost = ~np.isfinite(pixel[:, 0])
+        warps = np.where(lost[:, None], self._lines(pixel - self.straight.middle), warps)
+        return Points(pixel, covariance, likeness, warps)
+
+    @staticmethod
+    def _bends(line: Matches, curve: Matches) -> np.ndarray:
+        """Where second order shifts a point by more than noise does (Hausman 1978)."""
+        apart = curve.shift - line.shift
+        spread = np.maximum(np.trace(curve.covariance - line.covariance, axis1=1, axis2=2), 1e-12)
+        return np.asarray(~line.settled | (2.0 * np.sum(apart**2, axis=1) > BENT * spread))
+
+    def _lines(self, shift: np.ndarray) -> np.ndarray:
+        """Warps of first order from the shifts of neighbours, of which some may be lost."""
+        middle = self.straight.middle
+        everyone = np.concatenate([np.arange(len(middle))[:, None], self.near], axis=1)
+        known = np.isfinite(shift[everyone, 0])
+        d = middle[everyone] - middle[:, None]
+        b = np.where(known[..., None], shift[everyone], 0.0)
+        A = np.concatenate([np.ones((*d.shape[:2], 1)), d], axis=2)
+        weight = known.astype(float)
+        for _ in range(ROBUST):
+            normal = np.einsum("sni,sn,snj->sij", A, weight, A) + np.diag(RIDGE)
+            x = np.linalg.solve(normal, np.einsum("sni,sn,snk->sik", A, weight, b))
+            off = np.linalg.norm(b - A @ x, axis=2)
+            scatter = _median(np.where(known, off, np.nan))[:, None]
+            weight = known * np.minimum(1.0, 2.0 * scatter / np.maximum(off, TINY))
+        return affine(x[:, 0], x[:, 1:].transpose(0, 2, 1))
+
+    def _off(self, shift: np.ndarray) -> np.ndarray:
+        """Which points go another way than their neighbours."""
+        start = self._lines(shift)
+        off = np.linalg.norm(shift - start[:, [0, 6]], axis=1)
+        return np.asarray(off > FAR * _median(off[self.near]))
+
+
+def _median(off: np.ndarray) -> np.ndarray:
+    """Of each row, what is lost left out, and ``LEAST`` at least."""
+    known = np.isfinite(off).any(axis=1)
+    found = np.full(len(off), LEAST)
+    found[known] = np.nanmedian(off[known], axis=1)
+    return np.maximum(found, LEAST)
+
+
+def flown(before: np.ndarray, picture: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Optical flow of places [px] (Lucas and Kanade 1981, by pyramids); NaN: unknown, shape [points, 2]."""
+    import cv2
+
+    pair = [np.clip(p, 0, 255).astype(np.uint8) for p in (before, picture)]
+    there, known, _ = cv2.calcOpticalFlowPyrLK(
+        *pair, at.astype(np.float32)[:, None], None, winSize=(WINDOW, WINDOW), maxLevel=LEVELS
+    )
+    flow = there[:, 0].astype(float) - at
+    flow[known[:, 0] == 0] = np.nan
+    return flow
+
+
+def _smooth(picture: np.ndarray) -> np.ndarray:
+    found: np.ndarray = gaussian_filter(picture.astype(float), SMOOTH, mode="mirror")
+    return found
+
+
+def _where(chosen: np.ndarray, one: Points, other: Points) -> Points:
+    """Some points of one, the rest of another."""
+    fields = {
+        name: np.where(
+            chosen.reshape(-1, *[1] * (getattr(one, name).ndim - 1)),
+            getattr(one, name),
+            getattr(other, name),
+        )
+        for name in ("pixel", "covariance", "likeness", "warps")
+    }
+    return replace(other, **fields)
