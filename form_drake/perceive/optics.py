@@ -111,8 +111,8 @@ def _nearest(cameras: Sequence[Camera], pixel: np.ndarray, seen: np.ndarray) -> 
         across = (np.eye(3) - d[:, :, None] * d[:, None]) * own[:, None, None]
         normal += across
         right += across @ camera.X_WC[:3, 3]
-    blind = (~seen).all(axis=0, keepdims=True)
-    normal += np.eye(3) * blind[0, :, None, None]
+    dark = ~np.asarray(seen.any(axis=0))
+    normal += np.eye(3) * dark[:, None, None]
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
 
 
