@@ -97,6 +97,10 @@ API = {
         "form_drake.perceive.optics.rays",
         "form_drake.perceive.optics.triangulated",
         "form_drake.perceive.optics.Places",
+        "form_drake.perceive.stereo.Stereo",
+        "form_drake.perceive.render.Surface",
+        "form_drake.perceive.render.Light",
+        "form_drake.perceive.render.Renderer",
     ),
     "Effects": (
         "form_drake.effects.Effect",

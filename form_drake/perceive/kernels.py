@@ -153,3 +153,65 @@ def stepping():
                 left[p, n] = gain * (left[p, n] - wp.float32(average)) - values[p, n]
 
     return step
+
+
+@cache
+def pixels():
+    """Kernel that paints a picture: the mean of rays through each pixel."""
+
+    @wp.func
+    def texel(texture: wp.array2d(dtype=wp.float32), u: float, v: float):
+        column = wp.clamp(u, 0.0, float(texture.shape[1] - 1))
+        line = wp.clamp(v, 0.0, float(texture.shape[0] - 1))
+        i = wp.min(int(column), texture.shape[1] - 2)
+        j = wp.min(int(line), texture.shape[0] - 2)
+        a, b = column - float(i), line - float(j)
+        upper = (1.0 - a) * texture[j, i] + a * texture[j, i + 1]
+        lower = (1.0 - a) * texture[j + 1, i] + a * texture[j + 1, i + 1]
+        return (1.0 - b) * upper + b * lower
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def paint(
+        mesh: wp.uint64,
+        origin: wp.vec3,
+        ray: wp.array2d(dtype=wp.vec3),
+        across: wp.array2d(dtype=wp.vec3),
+        down: wp.array2d(dtype=wp.vec3),
+        uv: wp.array(dtype=wp.vec2),
+        texture: wp.array2d(dtype=wp.float32),
+        plain: wp.array(dtype=wp.float32),
+        count: int,
+        ground: float,
+        seen: wp.array2d(dtype=wp.float32),
+    ):
+        j, i = wp.tid()
+        d = ray[j, i]
+        hit = wp.mesh_query_ray(mesh, origin, d, 1.0e6)
+        if not hit.result:
+            seen[j, i] = ground
+            return
+        face = hit.face
+        if not wp.isnan(plain[face]):
+            seen[j, i] = plain[face]
+            return
+        p = wp.mesh_eval_position(mesh, face, 1.0, 0.0)
+        e = wp.mesh_eval_position(mesh, face, 0.0, 1.0) - p
+        f = wp.mesh_eval_position(mesh, face, 0.0, 0.0) - p
+        n = wp.cross(e, f)
+        square = wp.dot(n, n)
+        height = wp.dot(p - origin, n)
+        base, one, other = uv[3 * face], uv[3 * face + 1], uv[3 * face + 2]
+        total = float(0.0)
+        for a in range(count):
+            for b in range(count):
+                x = (float(a) + 0.5) / float(count) - 0.5
+                y = (float(b) + 0.5) / float(count) - 0.5
+                way = d + x * across[j, i] + y * down[j, i]
+                q = origin + way * (height / wp.dot(way, n)) - p
+                s = wp.dot(wp.cross(q, f), n) / square
+                t = wp.dot(wp.cross(e, q), n) / square
+                at = base + s * (one - base) + t * (other - base)
+                total += texel(texture, at[0], at[1])
+        seen[j, i] = total / float(count * count)
+
+    return paint

@@ -84,7 +84,7 @@ class Tracker:
         """
         if len(points) < 3:
             raise ValueError(f"{len(points)} points: three are wanted at least")
-        seen = _smooth(picture)
+        seen = smooth(picture)
         straight, bent = (Parts.of(seen, points, half, affine=a) for a in (True, False))
         count = min(NEIGHBOURS + 1, len(points))
         near = cKDTree(points).query(points, count)[1][:, 1:]
@@ -126,7 +126,7 @@ class Tracker:
         return found
 
     def _matched(self, picture: np.ndarray, start: np.ndarray) -> Points:
-        seen = _smooth(picture)
+        seen = smooth(picture)
         line = matched(self.straight, seen, start, self.device)
         curve = matched(self.bent, seen, line.warps, self.device)
         bent = curve.settled & self._bends(line, curve)
@@ -194,7 +194,8 @@ def flown(before: np.ndarray, picture: np.ndarray, at: np.ndarray) -> np.ndarray
     return flow
 
 
-def _smooth(picture: np.ndarray) -> np.ndarray:
+def smooth(picture: np.ndarray) -> np.ndarray:
+    """A picture, smoothed as those are that parts are sought in."""
     found: np.ndarray = gaussian_filter(picture.astype(float), SMOOTH, mode="mirror")
     return found
 

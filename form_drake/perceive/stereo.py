@@ -1,0 +1,141 @@
+"""Points of a surface that two cameras follow, in space."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.perceive.correlate import Parts, matched
+from form_drake.perceive.optics import Places, projected, rays, triangulated
+from form_drake.perceive.track import ALIKE, Points, Tracker, smooth
+from form_drake.perceive.warps import affine
+from form_drake.records import Camera
+
+APART = 8.0  # pixels, by which a point may be off where the stated surface would have it
+TOGETHER = 0.5  # of them, in which points may differ: cameras that are a little off shift all alike
+DOUBT = "are left and right swapped, or the cameras calibrated otherwise?"
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """A pair of cameras, and trackers that begin with the first picture of each.
+
+    Attributes:
+        cameras: left and right.
+        trackers: of the same points.
+        chosen: which of the points that were asked for both cameras see, shape [points].
+        matching: covariance of the right camera's points as the left one's, which stays the same in all
+            pictures [px^2], shape [points, 2, 2].
+    """
+
+    cameras: tuple[Camera, Camera]
+    trackers: tuple[Tracker, Tracker]
+    chosen: np.ndarray
+    matching: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        cameras: Sequence[Camera],
+        pictures: Sequence[np.ndarray],
+        p_WQ: np.ndarray,
+        normal_W: np.ndarray,
+        half: int = 12,
+        device: str = "cpu",
+    ) -> "Stereo":
+        """Find points of a stated surface in the first pictures of two cameras.
+
+        Args:
+            cameras: left and right, calibrated.
+            pictures: grey values of each, shape [rows, columns].
+            p_WQ: points of the surface as it is stated [m], shape [points, 3].
+            normal_W: of the surface there, shape [points, 3].
+            half: pixels from a point to the rim of what is compared.
+            device: Warp device.
+
+        Raises:
+            ValueError: hardly a point is in both pictures: cameras are wrong, or left is right.
+        """
+        left, right = cameras
+        at = projected(left, p_WQ)
+        start = _across(left, right, at, p_WQ, normal_W)
+        inside = _inside(left, at, half) & _inside(right, at + start[:, [0, 6]], half)
+        seen = [smooth(p) for p in pictures]
+        found = np.full((len(at), 2), np.nan)
+        matching = np.zeros((len(at), 2, 2))
+        if inside.any():
+            parts = Parts.of(seen[0], at[inside], half)
+            other = matched(parts, seen[1], start[inside], device)
+            off = other.shift - start[inside][:, [0, 6]]
+            good = other.settled & (other.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
+            _agreed(off[good])
+            found[inside] = np.where(good[:, None], at[inside] + other.shift, np.nan)
+            matching[inside] = other.covariance
+        chosen = np.isfinite(found[:, 0]) & _inside(right, found, half)
+        if chosen.sum() < max(3.0, 0.5 * inside.sum()):
+            raise ValueError(
+                f"{int(chosen.sum())} of {len(p_WQ)} points are found in both pictures"
+                f" ({int(inside.sum())} should be): {DOUBT}"
+            )
+        places = (at[chosen], found[chosen])
+        trackers = (Tracker.of(p, q, half, device) for p, q in zip(pictures, places, strict=True))
+        return cls((left, right), tuple(trackers), chosen, matching[chosen])  # type: ignore[arg-type]
+
+    def follow(self, pairs: Iterable[Sequence[np.ndarray]]) -> Iterator[Places]:
+        """Points in space in each of some pairs of pictures; the first is that which was begun with.
+
+        Covariances are of how points move: that of ``matching`` is not in them.
+        """
+        before: Sequence[np.ndarray] | None = None
+        points = [tracker.first for tracker in self.trackers]
+        for pair in pairs:
+            if before is not None:
+                points = [
+                    t.next(a, b, p)
+                    for t, a, b, p in zip(self.trackers, before, pair, points, strict=True)
+                ]
+            before = pair
+            yield self.places(points)
+
+    def places(self, points: Sequence[Points]) -> Places:
+        """Points in space from where both cameras see them."""
+        pixel = np.stack([p.pixel for p in points])
+        spread = np.stack([p.covariance for p in points])
+        still = spread.trace(axis1=2, axis2=3) <= 0.0  # the first pictures: nothing has moved
+        spread[still] = np.eye(2) * np.finfo(float).eps
+        return triangulated(self.cameras, pixel, spread)
+
+
+def _agreed(off: np.ndarray) -> None:
+    """Refuse pictures in which the surface is bent, as it is where left is right.
+
+    Raises:
+        ValueError: see there.
+    """
+    scatter = float(np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2))) if len(off) else 0.0
+    if scatter > TOGETHER:
+        raise ValueError(
+            f"points of the left picture are found {scatter:.1f} px, not alike, from where the right"
+            f" camera would see the stated surface: {DOUBT}"
+        )
+
+
+def _inside(camera: Camera, pixel: np.ndarray, half: int) -> np.ndarray:
+    """Whether parts about pixels are in a camera's picture, with room to be read."""
+    room = half + 4.0
+    high = np.array(camera.size) - 1.0 - room
+    return np.asarray(np.all((pixel > room) & (pixel < high), axis=1))
+
+
+def _across(
+    left: Camera, right: Camera, at: np.ndarray, p_WQ: np.ndarray, normal_W: np.ndarray
+) -> np.ndarray:
+    """Warps from the left to the right picture, where the surface is as stated, shape [points, 12]."""
+
+    def through(pixel: np.ndarray) -> np.ndarray:
+        d = rays(left, pixel)
+        along = np.sum((p_WQ - left.X_WC[:3, 3]) * normal_W, axis=1) / np.sum(d * normal_W, axis=1)
+        return projected(right, left.X_WC[:3, 3] + along[:, None] * d) - pixel
+
+    slope = [0.5 * (through(at + e) - through(at - e)) for e in np.eye(2)]
+    return affine(through(at), np.stack(slope, axis=-1))
