@@ -7,6 +7,7 @@ from form_drake.perceive.optics import projected
 from form_drake.perceive.render import GROUND, Light, Renderer, Surface
 from form_drake.records import Camera
 
+DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
 HALF, CELLS, TEXELS = 0.02, 20, 80e3  # m; cells and texels a metre: six to a pixel
 DOT, GREY, LIGHT = 1.6e-4, 40.0, 170.0  # m; grey values of ground and dots
 
@@ -57,10 +58,11 @@ def middle(camera, dot, along):
     return weight @ projected(camera, points) / weight.sum()
 
 
-def test_dots_are_seen_where_cameras_see_them(dotted):
+@pytest.mark.parametrize("device", DEVICES)
+def test_dots_are_seen_where_cameras_see_them(dotted, device):
     surface, dots, along = dotted
     cameras = [camera(-0.05), camera(0.05)]
-    for one, picture in zip(cameras, Renderer(cameras).pictures(surface), strict=True):
+    for one, picture in zip(cameras, Renderer(cameras, device).pictures(surface), strict=True):
         off = []
         for dot in dots:
             x, y = middle(one, dot, along)

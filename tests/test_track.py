@@ -14,6 +14,7 @@ MIDDLE = np.array([WIDTH, HEIGHT]) / 2.0
 NOISE = 2.0  # grey values
 HALF = 15
 
+DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
 STEEP = 0.25  # largest strain of the barrel
 
 
@@ -103,7 +104,8 @@ def test_what_is_lost_is_said_and_found_again(photograph):
     assert after.pixel == pytest.approx(points() + 3.0, abs=0.02)
 
 
-def test_steps_undo_warps_of_second_order(photograph):
+@pytest.mark.parametrize("device", DEVICES)
+def test_steps_undo_warps_of_second_order(photograph, device):
     """A warp as it is found is the one that made the picture, slopes and curvatures too."""
     warp = np.array([0.4, 0.05, -0.03, 8e-4, -4e-4, 6e-4, -0.3, 0.02, -0.06, 5e-4, 7e-4, -8e-4])
 
@@ -114,7 +116,7 @@ def test_steps_undo_warps_of_second_order(photograph):
         return X
 
     parts = Parts.of(photograph(), MIDDLE[None], HALF)
-    (found,) = matched(parts, photograph(back, 1), np.zeros((1, SIZE))).warps
+    (found,) = matched(parts, photograph(back, 1), np.zeros((1, SIZE)), device).warps
     std = np.linalg.norm(parts.steps[0], axis=1) * NOISE * np.sqrt(2.0)  # of both pictures
     assert np.all(np.abs(found - warp) < 5.0 * std)
     assert np.all(np.abs(warp[[3, 9]]) > 5.0 * std[[3, 9]])  # they are seen
