@@ -93,6 +93,7 @@ API = {
         "form_drake.perceive.correlate.Matches",
         "form_drake.perceive.correlate.matched",
         "form_drake.perceive.warps.warped",
+        "form_drake.perceive.optics.looking",
         "form_drake.perceive.optics.projected",
         "form_drake.perceive.optics.rays",
         "form_drake.perceive.optics.triangulated",

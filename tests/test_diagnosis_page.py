@@ -285,11 +285,24 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     assert "before_after.html" not in page
 
 
+def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):
+    causes = tuple(replace(c, std=np.inf) for c in diagnosis.naming.added)
+    model = replace(diagnosis.naming.model, causes=causes)
+    unsure = replace(diagnosis, naming=replace(diagnosis.naming, model=model, added=causes))
+    assert "(inclusion 2 -, or another size: these recordings do not tell" in unsure.sentence()
+    told = json.loads(json.dumps(unsure.to_json(), allow_nan=False))
+    assert told["effects"][0]["std"] is None and unsure.material.effects[0].std is None
+    assert "inclusion" not in [one["effect"] for one in told["advice"]["limits"]]
+    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    assert "<td>2</td><td>not told</td>" in (tmp_path / "r.html").read_text()
+
+
 def test_the_next_command_is_the_same_with_one_recording_more():
     own = Diagnose(
         recording=(Path("my press.h5"), Path("shake.h5")),
         law="yeoh",
         holdout=(Path("a.h5"), Path("b.h5")),
+        placebo=3,
         effects=Path("own.py"),
         dx=0.002,
         force="joint-torque",

@@ -5,25 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from form_drake.perceive.optics import projected, rays, triangulated
-from form_drake.records import Camera
+from form_drake.perceive.optics import looking, projected, rays, triangulated
 
 FOCUS, BASELINE, FAR = 4000.0, 0.1, 0.3  # px, m, m
 LENS = np.array([0.08, -0.03, 1e-3, -2e-3, 0.01])
 
 
-def camera(x, lens=LENS):
-    """At (x, 0, -FAR), looking at the origin."""
-    z = np.array([-x, 0.0, FAR]) / np.hypot(x, FAR)
-    X_WC = np.eye(4)
-    X_WC[:3, :3] = np.stack([np.cross([0.0, 1.0, 0.0], z), [0.0, 1.0, 0.0], z], axis=1)
-    X_WC[:3, 3] = [x, 0.0, -FAR]
-    K = np.array([[FOCUS, 0.0, 319.5], [0.0, FOCUS, 239.5], [0.0, 0.0, 1.0]])
-    return Camera(K, X_WC, lens, (640, 480))
+def camera(x):
+    return looking(np.array([x, 0.0, -FAR]), np.zeros(3), FOCUS, (640, 480), LENS)
 
 
 PAIR = [camera(-0.5 * BASELINE), camera(0.5 * BASELINE)]
 POINTS = np.random.default_rng(0).uniform(-0.015, 0.015, (300, 3))
+
+
+def test_a_camera_sees_what_it_looks_at_in_the_middle():
+    one = looking(np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.1, -0.1]), 500.0, (641, 481))
+    assert projected(one, np.array([0.0, 0.1, -0.1])) == pytest.approx([320.0, 240.0])
+    assert one.X_WC[:3, :3].T @ one.X_WC[:3, :3] == pytest.approx(np.eye(3))
+    assert np.linalg.det(one.X_WC[:3, :3]) == pytest.approx(1.0) and one.X_WC[1, 1] > 0.0
+    with pytest.raises(ValueError, match="not along the y axis"):
+        looking(np.zeros(3), np.array([0.0, 1.0, 0.0]), 500.0, (641, 481))
 
 
 def test_pixels_are_those_of_opencv():

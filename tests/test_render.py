@@ -3,23 +3,16 @@
 import numpy as np
 import pytest
 
-from form_drake.perceive.optics import projected
+from form_drake.perceive.optics import looking, projected
 from form_drake.perceive.render import GROUND, Light, Renderer, Surface
-from form_drake.records import Camera
 
 DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
 HALF, CELLS, TEXELS = 0.02, 20, 80e3  # m; cells and texels a metre: six to a pixel
 DOT, GREY, LIGHT = 1.6e-4, 40.0, 170.0  # m; grey values of ground and dots
 
 
-def camera(x, size=(480, 360)):
-    """At (x, 0, -.3 m), looking at the origin, 4000 px of focal length."""
-    z = np.array([-x, 0.0, 0.3]) / np.hypot(x, 0.3)
-    X_WC = np.eye(4)
-    X_WC[:3, :3] = np.stack([np.cross([0.0, 1.0, 0.0], z), [0.0, 1.0, 0.0], z], axis=1)
-    X_WC[:3, 3] = [x, 0.0, -0.3]
-    K = np.array([[4e3, 0.0, 0.5 * size[0]], [0.0, 4e3, 0.5 * size[1]], [0.0, 0.0, 1.0]])
-    return Camera(K, X_WC, np.zeros(5), size)
+def camera(x):
+    return looking(np.array([x, 0.0, -0.3]), np.zeros(3), 4e3, (480, 360))
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from form_drake.perceive.optics import looking
 from form_drake.perceive.render import Light, Renderer, Surface
 from form_drake.perceive.speckle import speckle
 from form_drake.perceive.stereo import Stereo
-from form_drake.records import Camera
 
 FOCUS, FAR, BASELINE, SIZE = 4000.0, 0.3, 0.1, (400, 320)
 HALF = np.array([0.016, 0.013])  # m, of the plate
@@ -19,13 +19,7 @@ SHIFT, TURN = np.array([4e-4, -3e-4, 5e-4]), np.radians([1.0, -1.5, 2.0])
 
 
 def camera(x):
-    """At (x, 0, -.3 m), looking at the origin."""
-    z = np.array([-x, 0.0, FAR]) / np.hypot(x, FAR)
-    X_WC = np.eye(4)
-    X_WC[:3, :3] = np.stack([np.cross([0.0, 1.0, 0.0], z), [0.0, 1.0, 0.0], z], axis=1)
-    X_WC[:3, 3] = [x, 0.0, -FAR]
-    K = np.array([[FOCUS, 0.0, 0.5 * SIZE[0]], [0.0, FOCUS, 0.5 * SIZE[1]], [0.0, 0.0, 1.0]])
-    return Camera(K, X_WC, np.array([0.05, 0.0, 0.0, 0.0, 0.0]), SIZE)
+    return looking(np.array([x, 0.0, -FAR]), np.zeros(3), FOCUS, SIZE, (0.05, 0.0, 0.0, 0.0, 0.0))
 
 
 CAMERAS = [camera(-0.5 * BASELINE), camera(0.5 * BASELINE)]

@@ -71,7 +71,7 @@ class Diagnosis:
     def sentence(self) -> str:
         """The verdict in words."""
         told = "; ".join(
-            f"{c.effect.sentence} ({c.effect.id} {c.coefficient:.3g} {_sure(c)}{c.effect.unit}"
+            f"{c.effect.sentence} ({c.effect.id} {_size(c)}"
             + (f"; its column is like that of {', '.join(p.alike)})" if p.alike else ")")
             for c, p in zip(self.naming.added, self.naming.passes, strict=False)
         )
@@ -147,8 +147,11 @@ class Diagnosis:
         }
 
 
-def _sure(cause: Cause) -> str:
-    return "or any other " if cause.told is None else f"± {cause.told:.1g} "
+def _size(cause: Cause) -> str:
+    size, unit = f"{cause.coefficient:.3g}", cause.effect.unit
+    if cause.told is None:
+        return f"{size} {unit}, or another size: these recordings do not tell"
+    return f"{size} ± {cause.told:.1g} {unit}"
 
 
 def diagnosed(

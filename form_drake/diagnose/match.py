@@ -236,12 +236,12 @@ class Match:
     def worth(self) -> float:
         """What the gap's square would grow by without the last cause, all else refitted to first order.
 
-        What holds or lets go of a face may change no more with its size, and all without it: it is
-        simulated without.
+        What has no column may change nothing with its size, as a plate that sticks fast anyway, and much
+        by being there: the twin is simulated without it.
         """
         begin, (*rest, last) = self.parts[-1], self.model.causes
         others, own = self.explained[:, :begin], last.coefficient * self.explained[:, begin]
-        if last.effect.switches:
+        if last.effect.columnless:
             own = self.near(replace(self.model, causes=tuple(rest))).gap - self.gap
         basis = np.linalg.qr(others[:, self._seen[:begin]])[0]
         own = own - basis @ (basis.T @ own)

@@ -1,8 +1,8 @@
 """Which effect it is, by simulation: what scores say to first order is not enough for strong ones.
 
 The few effects that explain nearly as much as the best begin where their scores are best, one with a
-place at others too. What holds or lets go of a face is not linear in its size: it begins wherever it
-is seen. A few steps of each show which comes nearest to the data.
+place at others too. What has no column, as what holds or lets go of a face, need not be linear in its
+size: it begins wherever it is seen. A few steps of each show which comes nearest to the data.
 """
 
 from collections.abc import Callable, Sequence
@@ -104,7 +104,7 @@ def _field(seen: Sequence[Score]) -> list[Score]:
     for score in seen:
         near = score.score > NEARLY * seen[0].score and len(field) < FIELD
         alike = coherence([score, *field])[0, 1:].max(initial=0.0) > SAME
-        if (near or score.effect.switches) and not alike:
+        if (near or score.effect.columnless) and not alike:
             field.append(score)
     return field
 

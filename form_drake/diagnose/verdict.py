@@ -152,8 +152,7 @@ def _added(
     if last:
         return replace(found, best=found.seen[0]), None
     runners, refused, first = raced(found.match, found.seen, progress), list[str](), found.seen[0]
-    gain = max(0.0, *(found.left - runner.left for runner in runners))
-    odd = first.score - gain
+    odd = first.score - max(0.0, *(found.left - runner.left for runner in runners))
     for runner in runners:
         effect = runner.score.effect
         wanted = found.wanted(effect, thresholds)

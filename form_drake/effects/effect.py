@@ -162,8 +162,11 @@ class Effect:
                 raise ValueError(f"effect {self.id}: shape {key} wants two values or more")
 
     @property
-    def switches(self) -> bool:
-        """Whether it holds or lets go of a face, so that what it changes is not linear in its size."""
+    def columnless(self) -> bool:
+        """Whether simulations alone tell what it changes, as what holds or lets go of a face.
+
+        That need not be linear in its size.
+        """
         return self.column is None
 
     def bounded(self, size: float, now: float = 0.0) -> float:

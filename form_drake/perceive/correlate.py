@@ -7,12 +7,14 @@ with the sampled picture. Always it is the first picture that is sought: nothing
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from form_drake.perceive.kernels import row, stepping, vec
-from form_drake.perceive.splines import MARGIN, coefficients, read
+from form_drake.perceive.splines import MARGIN, read
 from form_drake.perceive.warps import AFFINE, SIZE, monomials
 
 FLAT = 1e-6  # of the strongest direction, from which texture shows a warp
@@ -38,6 +40,7 @@ class Parts:
         mean: that mean, shape [parts].
         light: what brightness, contrast and blur change, orthonormal, shape [parts, pixels, 5].
         steps: of a warp by grey values, shape [parts, 12, pixels].
+        device: Warp device on which they are sought.
     """
 
     middle: np.ndarray
@@ -47,18 +50,26 @@ class Parts:
     mean: np.ndarray
     light: np.ndarray
     steps: np.ndarray
+    device: str = "cpu"
 
     @classmethod
     def of(
-        cls, picture: np.ndarray, middle: np.ndarray, half: int, *, affine: bool = False
+        cls,
+        picture: np.ndarray,
+        middle: np.ndarray,
+        half: int,
+        *,
+        affine: bool = False,
+        device: str = "cpu",
     ) -> "Parts":
         """Cut out of a picture.
 
         Args:
-            picture: grey values, shape [rows, columns].
+            picture: coefficients of its spline, shape [rows, columns].
             middle: of the parts [px], shape [parts, 2].
             half: pixels from the middle to the rim.
             affine: whether warps are of first order, instead of second.
+            device: Warp device on which they are sought.
 
         Raises:
             ValueError: a part leaves the picture, or has no texture.
@@ -70,7 +81,7 @@ class Parts:
                 f"a part at {_told(middle, room)} px leaves the picture of {high[0] + 1:g} x"
                 f" {high[1] + 1:g} px; its rim is {half} px from its middle"
             )
-        told = read(coefficients(picture), middle[:, None] + grid(half))
+        told = read(picture, middle[:, None] + grid(half))
         terms = monomials(grid(half))
         columns = np.concatenate([told[k][..., None] * terms for k in "xy"], axis=-1)
         chosen = list(AFFINE if affine else range(SIZE))
@@ -81,9 +92,23 @@ class Parts:
         faint = np.sqrt(np.mean(values**2, axis=1)) < FAINT
         steps = np.zeros((len(middle), SIZE, values.shape[1]))
         steps[:, chosen] = _solved(columns[..., chosen], light, faint, middle)
-        return cls(middle, half, len(chosen), values, mean, light, steps)
+        return cls(middle, half, len(chosen), values, mean, light, steps, device)
 
-    @property
+    @cached_property
+    def arrays(self) -> list[Any]:
+        """Middles, pixels, values, means and steps on the device."""
+        return [
+            wp.array(np.ascontiguousarray(a), dtype=kind, device=self.device)
+            for a, kind in (
+                (self.middle, wp.vec2d),
+                (grid(self.half), wp.vec2d),
+                (self.values.astype(np.float32), wp.float32),
+                (self.mean.astype(np.float32), wp.float32),
+                (self.steps.transpose(0, 2, 1).astype(np.float32), row),
+            )
+        ]
+
+    @cached_property
     def spread(self) -> np.ndarray:
         """Covariance of the middles where grey values vary by one [px^2], shape [parts, 2, 2]."""
         own = self.steps[:, [0, 6]]
@@ -136,32 +161,21 @@ class Matches:
         return self.warps[:, [0, 6]]
 
 
-def matched(parts: Parts, picture: np.ndarray, start: np.ndarray, device: str = "cpu") -> Matches:
+def matched(parts: Parts, picture: np.ndarray, start: np.ndarray) -> Matches:
     """Parts of a first picture in another one.
 
     Args:
         parts: of the first.
-        picture: grey values of the other, shape [rows, columns].
+        picture: coefficients of the other's spline, shape [rows, columns].
         start: warps to begin with, within a speckle of the truth, shape [parts, 12].
-        device: Warp device.
     """
-    count, pixels = parts.values.shape
-    inputs = [
-        wp.array(a, dtype=kind, device=device)
-        for a, kind in (
-            (coefficients(picture).astype(np.float32), wp.float32),
-            (parts.middle, wp.vec2d),
-            (grid(parts.half), wp.vec2d),
-            (parts.values.astype(np.float32), wp.float32),
-            (parts.mean.astype(np.float32), wp.float32),
-            (np.ascontiguousarray(parts.steps.transpose(0, 2, 1), np.float32), row),
-        )
-    ]
+    (count, pixels), device = parts.values.shape, parts.device
+    other = wp.array(picture.astype(np.float32), dtype=wp.float32, device=device)
     warps = wp.array(start, dtype=vec, device=device)
     told = wp.zeros(count, dtype=wp.vec2d, device=device)
     left = wp.zeros((count, pixels), dtype=wp.float32, device=device)
-    outputs = [warps, told, left]
-    wp.launch(stepping(), count, [*inputs, float(parts.half)], outputs, device=device)
+    inputs, outputs = [other, *parts.arrays, float(parts.half)], [warps, told, left]
+    wp.launch(stepping(), count, inputs, outputs, device=device)
     settled, likeness = told.numpy().T
     rest = left.numpy()[..., None].astype(float)
     rest -= parts.light @ (parts.light.transpose(0, 2, 1) @ rest)

@@ -15,6 +15,37 @@ LENS = 20  # rounds, in which a lens is undone
 STEP = 1e-6  # of a point's distance, by which differences are taken
 
 
+def looking(
+    p_WC: np.ndarray,
+    p_WT: np.ndarray,
+    focus: float,
+    size: tuple[int, int],
+    distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+) -> Camera:
+    """A camera that sees a point in the middle of its pictures, the y axis of world downwards in them.
+
+    Args:
+        p_WC: where it is [m], shape [3].
+        p_WT: what it looks at [m], shape [3].
+        focus: focal length [px].
+        size: width and height [px].
+        distortion: Brown-Conrady coefficients k1 k2 p1 p2 k3.
+
+    Raises:
+        ValueError: it looks along the y axis of world.
+    """
+    z = np.asarray(p_WT, float) - p_WC
+    x = np.cross([0.0, 1.0, 0.0], z)
+    if not np.linalg.norm(x) > STEP * np.linalg.norm(z):
+        raise ValueError(f"a camera that looks along {z.tolist()}: not along the y axis of world")
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    X_WC = np.eye(4)
+    X_WC[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    X_WC[:3, 3] = p_WC
+    K = np.array([[focus, 0.0, 0.5 * (size[0] - 1)], [0.0, focus, 0.5 * (size[1] - 1)], [0, 0, 1]])
+    return Camera(K, X_WC, np.array(distortion, float), size)
+
+
 def projected(camera: Camera, p_WQ: np.ndarray) -> np.ndarray:
     """Where points are seen [px]; NaN behind the camera, shape [..., 2]."""
     X_CW = np.linalg.inv(camera.X_WC)

@@ -95,7 +95,10 @@ class Renderer:
             device: Warp device.
         """
         self.cameras, self.device = tuple(cameras), device
-        self._rays = [_directions(camera) for camera in cameras]
+        self._rays = [
+            [wp.array(d, dtype=wp.vec3, device=device) for d in _directions(camera)]
+            for camera in cameras
+        ]
 
     def pictures(self, surface: Surface) -> list[np.ndarray]:
         """Grey values without noise, one picture for each camera, shape [rows, columns]."""
@@ -114,21 +117,19 @@ class Renderer:
             )
         )
         found = []
-        for camera, own in zip(self.cameras, self._rays, strict=True):
+        for camera, ways in zip(self.cameras, self._rays, strict=True):
             origin = wp.vec3(*(camera.X_WC[:3, 3] - middle).tolist())
-            ways = [wp.array(d, dtype=wp.vec3, device=self.device) for d in own]
-            seen = wp.zeros(own[0].shape[:2], dtype=wp.float32, device=self.device)
+            seen = wp.zeros(ways[0].shape, dtype=wp.float32, device=self.device)
             inputs = [mesh.id, origin, *ways, uv, texture, plain, RAYS, GROUND]
             wp.launch(pixels(), seen.shape, inputs, [seen], device=self.device)
             found.append(seen.numpy().astype(float))
         return found
 
 
-def _directions(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _directions(camera: Camera) -> list[np.ndarray]:
     """Rays through the middles of pixels, and by how much they turn to the next column and row."""
     width, height = camera.size
     at = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
     steps = np.eye(2) * 0.5
     turns = [rays(camera, at + s) - rays(camera, at - s) for s in steps]
-    one, *more = (d.astype(np.float32) for d in (rays(camera, at), *turns))
-    return one, more[0], more[1]
+    return [d.astype(np.float32) for d in (rays(camera, at), *turns)]

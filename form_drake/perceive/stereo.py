@@ -7,7 +7,7 @@ import numpy as np
 
 from form_drake.perceive.correlate import Parts, matched
 from form_drake.perceive.optics import Places, projected, rays, triangulated
-from form_drake.perceive.track import ALIKE, Points, Tracker, smooth
+from form_drake.perceive.track import ALIKE, Points, Tracker, seen_in
 from form_drake.perceive.warps import affine
 from form_drake.records import Camera
 
@@ -60,26 +60,29 @@ class Stereo:
         at = projected(left, p_WQ)
         start = _across(left, right, at, p_WQ, normal_W)
         inside = _inside(left, at, half) & _inside(right, at + start[:, [0, 6]], half)
-        seen = [smooth(p) for p in pictures]
         found = np.full((len(at), 2), np.nan)
         matching = np.zeros((len(at), 2, 2))
         if inside.any():
-            parts = Parts.of(seen[0], at[inside], half)
-            other = matched(parts, seen[1], start[inside], device)
-            off = other.shift - start[inside][:, [0, 6]]
-            good = other.settled & (other.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
+            parts = Parts.of(seen_in(pictures[0]), at[inside], half, device=device)
+            across = matched(parts, seen_in(pictures[1]), start[inside])
+            off = across.shift - start[inside][:, [0, 6]]
+            good = (
+                across.settled & (across.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
+            )
             _agreed(off[good])
-            found[inside] = np.where(good[:, None], at[inside] + other.shift, np.nan)
-            matching[inside] = other.covariance
+            found[inside] = np.where(good[:, None], at[inside] + across.shift, np.nan)
+            matching[inside] = across.covariance
         chosen = np.isfinite(found[:, 0]) & _inside(right, found, half)
         if chosen.sum() < max(3.0, 0.5 * inside.sum()):
             raise ValueError(
                 f"{int(chosen.sum())} of {len(p_WQ)} points are found in both pictures"
                 f" ({int(inside.sum())} should be): {DOUBT}"
             )
-        places = (at[chosen], found[chosen])
-        trackers = (Tracker.of(p, q, half, device) for p, q in zip(pictures, places, strict=True))
-        return cls((left, right), tuple(trackers), chosen, matching[chosen])  # type: ignore[arg-type]
+        one, other = (
+            Tracker.of(picture, places[chosen], half, device)
+            for picture, places in zip(pictures, (at, found), strict=True)
+        )
+        return cls((left, right), (one, other), chosen, matching[chosen])
 
     def follow(self, pairs: Iterable[Sequence[np.ndarray]]) -> Iterator[Places]:
         """Points in space in each of some pairs of pictures; the first is that which was begun with.

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from form_drake.perceive.correlate import Matches, Parts, matched
+from form_drake.perceive.splines import coefficients
 from form_drake.perceive.warps import affine
 
 SMOOTH = 0.5  # pixels, by which pictures are smoothed: between pixels they are splines rather
@@ -59,13 +60,11 @@ class Tracker:
         straight: parts whose warps are of first order.
         bent: the same of second order.
         near: neighbours, shape [points, neighbours].
-        device: Warp device.
     """
 
     straight: Parts
     bent: Parts
     near: np.ndarray
-    device: str = "cpu"
 
     @classmethod
     def of(
@@ -84,11 +83,13 @@ class Tracker:
         """
         if len(points) < 3:
             raise ValueError(f"{len(points)} points: three are wanted at least")
-        seen = smooth(picture)
-        straight, bent = (Parts.of(seen, points, half, affine=a) for a in (True, False))
+        seen = seen_in(picture)
+        straight, bent = (
+            Parts.of(seen, points, half, affine=a, device=device) for a in (True, False)
+        )
         count = min(NEIGHBOURS + 1, len(points))
         near = cKDTree(points).query(points, count)[1][:, 1:]
-        return cls(straight, bent, near, device)
+        return cls(straight, bent, near)
 
     @property
     def first(self) -> Points:
@@ -118,17 +119,17 @@ class Tracker:
         flow = flown(before, picture, points.warps[:, [0, 6]] + self.straight.middle)
         shift = points.warps[:, [0, 6]] + flow
         shift[~points.held] = np.nan
-        found = self._matched(picture, self._lines(shift))
+        seen = seen_in(picture)
+        found = self._matched(seen, self._lines(shift))
         again = ~found.held
         if again.any():
-            second = self._matched(picture, self._lines(found.pixel - self.straight.middle))
+            second = self._matched(seen, self._lines(found.pixel - self.straight.middle))
             found = _where(again & second.held, second, found)
         return found
 
-    def _matched(self, picture: np.ndarray, start: np.ndarray) -> Points:
-        seen = smooth(picture)
-        line = matched(self.straight, seen, start, self.device)
-        curve = matched(self.bent, seen, line.warps, self.device)
+    def _matched(self, seen: np.ndarray, start: np.ndarray) -> Points:
+        line = matched(self.straight, seen, start)
+        curve = matched(self.bent, seen, line.warps)
         bent = curve.settled & self._bends(line, curve)
         warps = np.where(bent[:, None], curve.warps, line.warps)
         likeness = np.where(bent, curve.likeness, line.likeness)
@@ -194,10 +195,9 @@ def flown(before: np.ndarray, picture: np.ndarray, at: np.ndarray) -> np.ndarray
     return flow
 
 
-def smooth(picture: np.ndarray) -> np.ndarray:
-    """A picture, smoothed as those are that parts are sought in."""
-    found: np.ndarray = gaussian_filter(picture.astype(float), SMOOTH, mode="mirror")
-    return found
+def seen_in(picture: np.ndarray) -> np.ndarray:
+    """Coefficients of a picture's spline, smoothed: in these parts are cut out and sought."""
+    return coefficients(gaussian_filter(picture.astype(float), SMOOTH, mode="mirror"))
 
 
 def _where(chosen: np.ndarray, one: Points, other: Points) -> Points:

@@ -4,9 +4,10 @@ EFFECTS and OUTSIDE give per effect and coefficient the lowest and highest value
 log-uniformly, what they are multiples of (1, E, E per mm, the height, E times area times strain or
 sqrt(2/3) E times strain, at the depth of the press) and "+-" where the sign is drawn. LIMITS are the
 least values that a diagnosis of these probes says that it would see, and what they are multiples of:
-medians over 18 cases drawn by seed 15001. In kind ``near`` a coefficient that has one lies within a
-factor 2 of it; else, but for small cases, those in STRONG are 3 to 30 times as strong as their limit,
-as far as EFFECTS goes, to the power that makes them stronger. SI units; angles in radians.
+medians over 18 cases that earlier ranges drew by seed 15001. In kind ``near`` a coefficient that has
+one lies within a factor 2 of it; else, but for small cases, those in STRONG are 3 to 30 times as
+strong as their limit, as far as EFFECTS goes, to the power that makes them stronger. SI units; angles
+in radians.
 """
 
 import hashlib
