@@ -33,8 +33,7 @@ class Diagnose:
     """Recordings of the same specimen on which what is found is verified, and which nothing else
     reads."""
     placebo: int | None = None
-    """Seed: verify wrong effects too, the runner-up and one drawn by lot, each
-    fitted like what was found."""
+    """Seed: verify two wrong effects too, the runner-up and one drawn by lot, each fitted."""
     effects: Path | None = None
     """Python file with effects of your own; it is executed."""
     dx: float | None = None
