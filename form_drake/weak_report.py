@@ -8,7 +8,7 @@ import numpy as np
 
 from form_drake.figures import fit_of_rows, fit_over_time, forces_and_windows, residual_map
 from form_drake.identify import Identification
-from form_drake.identify.weak import WeakFit
+from form_drake.identify.options import WeakFit
 from form_drake.report import Report
 from form_drake.weak.probe import Probe
 

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from form_drake.identify import identify
+from form_drake.identify import WeakOptions, identify
 from form_drake.identify.problem import Problem, _borne
 from form_drake.identify.search import searched
-from form_drake.identify.weak import WeakOptions
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
 from form_drake.motion.knots import chosen_space, chosen_time, white_noise

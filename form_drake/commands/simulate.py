@@ -32,7 +32,7 @@ class Simulate:
     field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
     """What colours the particles of the Meshcat page."""
     page: bool = True
-    """Write the Meshcat page; --page False leaves it out."""
+    """Write the Meshcat page; --no-page leaves it out."""
     live: bool = False
     """Show the simulation while it runs, in a browser."""
     answers: float | None = None

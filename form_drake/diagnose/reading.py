@@ -195,7 +195,7 @@ def _finely(probe: Probe) -> Probe:
     supplied = motion.pressure is not None or motion.body_force is not None
     if supplied or not all(f.fixed for f in probe.fields):
         return probe
-    body, cells = probe.body, quadrature_cells(probe.fit, probe.fields, probe.body)
+    body, cells = probe.body, quadrature_cells(probe.fit.space, probe.fields, probe.body)
     widest = float((body.high - body.low).min()) / CELLS
     for n, ends in enumerate(cells):
         parts = np.ceil(np.diff(ends) / widest - 1e-6).astype(int)

@@ -11,19 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from form_drake.identify.options import Estimator, WeakOptions
 from form_drake.identify.rollout import identify_rollout
 from form_drake.identify.scene import Twin, stated_scenes
 from form_drake.identify.solve import Identification, Unidentifiable
 from form_drake.identify.start import default_start, is_led, leader, refuse_local_minimum
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
-from form_drake.identify.weak import (
-    Estimator,
-    WeakOptions,
-    estimated,
-    identify_weak,
-    weighed,
-)
+from form_drake.identify.weak import estimated, identify_weak, weighed
 from form_drake.laws import LAWS, Law, law_named
 from form_drake.laws.values import LAME, checked_values, finite
 from form_drake.records import Recording, degraded, rest_shape, thinned

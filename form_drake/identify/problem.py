@@ -174,6 +174,11 @@ class Problem:
         values = self.values(eta)
         return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
 
+    def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
+        """The same from what no track tells."""
+        values = self.values(eta)
+        return [p.doubt(self.unknowns.law, values, theta) for p in self.probes]
+
     def solved(self, system: WeakSystem, by: Weights) -> Solution:
         """The linear solution of a system under the signs that physics demands."""
         return bounded(*self.reduced(system.A, system.b), by, self.floors(system))

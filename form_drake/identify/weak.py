@@ -2,20 +2,21 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from form_drake.identify.problem import Level, Problem
+from form_drake.identify.options import Reader, WeakFit, WeakOptions, Weighed
+from form_drake.identify.problem import Problem
 from form_drake.identify.scene import Twin, twin_offset
 from form_drake.identify.search import searched
 from form_drake.identify.solve import Identification, Unidentifiable, require_given
+from form_drake.identify.surface import balanced_inside
 from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import noise_bias, parameters, refuse
+from form_drake.interior import on_surface
 from form_drake.laws import Law
 from form_drake.material import Material
-from form_drake.motion import fit_tracks
 from form_drake.records import Recording
 from form_drake.weak.choice import (
     chosen_fields,
@@ -24,88 +25,22 @@ from form_drake.weak.choice import (
     spaced,
     traction_free,
 )
-from form_drake.weak.fields import Fields
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import mirrored, prepared, probe_body
-from form_drake.weak.solve import Solution, Weights, balanced, ordinary, solved, totals, weights
-from form_drake.weak.system import WeakSystem
-from form_drake.weak.unknowns import Pressure, Unknowns
+from form_drake.weak.solve import (
+    Solution,
+    Weights,
+    balanced,
+    carried,
+    ordinary,
+    solved,
+    totals,
+    weights,
+)
+from form_drake.weak.unknowns import Unknowns
 
 PASSES = 3  # of the weights after the first search, fewer where they no longer change
 SETTLED = 0.01  # share by which the stress may still change
-
-Estimator = Literal["gls", "ols"]
-
-
-@dataclass(frozen=True)
-class WeakOptions:
-    """How the weak form is set up.
-
-    Attributes:
-        fields: names of families of test fields, or the families themselves, see
-            ``form_drake.weak.choice``; empty: chosen from the faces of the body.
-        window: width of the windows [s]; None: chosen from the frames and the law.
-        ends: first and last moment of every window, counted from the first frame [s]; empty: they
-            are spread evenly.
-        pressure: who balances pressure, see ``Unknowns.of``; None: chosen from the motion.
-        estimator: ``gls``, or ``ols`` for ordinary least squares as in the paper.
-        draws: pairs of noise draws for the errors-in-variables correction; 0: none.
-        seed: of the draws.
-        level: what the model error of a row is a share of, see ``Problem``.
-    """
-
-    fields: tuple[str | Fields, ...] = ()
-    window: float | None = None
-    ends: tuple[tuple[float, float], ...] = ()
-    pressure: Pressure | None = None
-    estimator: Estimator = "gls"
-    draws: int = 4
-    seed: int = 0
-    level: Level = "borne"
-
-
-@dataclass(frozen=True)
-class WeakFit:
-    """Everything a report needs beside the answer.
-
-    Attributes:
-        problem: probes and unknowns.
-        system: rows at the solution.
-        theta: coefficients of all terms.
-        residual: b - A theta [N m s], shape [rows].
-        noise: standard deviation of each row's noise [N m s], shape [rows].
-        error: model error as a share of each row's size.
-        bias: what the errors-in-variables correction took off each value.
-    """
-
-    problem: Problem
-    system: WeakSystem
-    theta: np.ndarray
-    residual: np.ndarray
-    noise: np.ndarray
-    error: float
-    bias: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """A problem, and the weights of its rows: all that does not depend on the estimator.
-
-    Attributes:
-        problem: probes and unknowns.
-        eta: logarithms of the nonlinear constants by generalised least squares.
-        solution: of the linear coefficients.
-        by: weights.
-        noise: covariance of each probe's rows [(N m s)^2].
-        seconds: that it took [s].
-    """
-
-    problem: Problem
-    eta: np.ndarray
-    solution: Solution
-    by: Weights
-    noise: list[np.ndarray]
-    seconds: float
 
 
 def identify_weak(
@@ -130,6 +65,16 @@ def identify_weak(
         Unidentifiable: the motions do not determine the parameters.
     """
     each = _of_every_probe(options, len(recordings))
+    if any(on_surface(r) for r in recordings):
+        if twin is not None:
+            raise ValueError(
+                "a twin is of points throughout the body, not of points on its surface"
+            )
+        return balanced_inside(
+            recordings,
+            known,
+            lambda read: estimated(weighed(recordings, law, known, each, read), each[0]),
+        )
     ready = weighed(recordings, law, known, each)
     first = estimated(ready, each[0])
     if twin is None:
@@ -156,11 +101,12 @@ def weighed(
     law: Law,
     known: Mapping[str, float],
     options: WeakOptions | Sequence[WeakOptions] | None = None,
+    read: Reader = probe_body,
 ) -> Weighed:
-    """Read the motions, search, and weigh the rows; arguments as of ``identify_weak``."""
+    """Read the motions, search, and weigh the rows; arguments as of ``identify_weak``, and who reads."""
     begun = time.perf_counter()
     require_given(law.name, [k for k in law.constants("given") if k not in known])
-    problem = _problem(recordings, law, known, _of_every_probe(options, len(recordings)))
+    problem = _problem(recordings, law, known, _of_every_probe(options, len(recordings)), read)
     reading = time.perf_counter() - begun
     found = weighing(problem)
     return replace(found, seconds=found.seconds + reading)
@@ -209,9 +155,10 @@ def _problem(
     law: Law,
     known: Mapping[str, float],
     each: Sequence[WeakOptions],
+    read: Reader,
 ) -> Problem:
     options = each[0]
-    fitted = [(r, *probe_body(r)) for r in recordings]
+    fitted = [(r, *read(r)) for r in recordings]
     pressure = options.pressure or chosen_pressure([(r, f) for r, _, f in fitted], law)
     unknowns = Unknowns.of(law, known, pressure)
     if unknowns.undecided:
@@ -227,7 +174,7 @@ def _problem(
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not mirrored(fit, fields):
             # a field and its image would give one row twice
-            fit = fit_tracks(recording, shape, symmetric=False)
+            fit = read(recording, False)[1]
             fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not own.ends:
             ends = spaced(ends, fields, len(fitted))
@@ -261,6 +208,10 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     free = solved(J, target, by)
     if options.estimator == "ols":
         free = ordinary(J, target, totals(noise, system.scale, by.error))
+        by = equal
+    if any(p.fit.doubt for p in problem.probes):
+        unseen = carried(J, by, problem.doubt(eta, theta))
+        free = replace(free, covariance=free.covariance + unseen)
     phi = solution.theta
     refuse(problem, system, phi, free)
     keys, point, spread = parameters(problem, phi, eta)

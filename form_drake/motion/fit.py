@@ -43,6 +43,8 @@ class Fit:
         smoothing: of the coefficients.
         response: parts of the covariance that the noise of the tracks alone has, were the smoothing
             given and its bias known.
+        doubt: parts of the covariance of what no track tells. No rows are weighed by it, which would
+            trust those in which a guess of it happens to cancel.
     """
 
     space: Space
@@ -55,6 +57,7 @@ class Fit:
     spread: tuple[Spread, ...]
     smoothing: Smoothing
     response: tuple[Spread, ...]
+    doubt: tuple[Spread, ...] = ()
 
     @property
     def responding(self) -> "Fit":
@@ -68,7 +71,7 @@ class Fit:
             z = rng.standard_normal((len(part.scale), part.time_root.shape[1]))
             error = part.scale * z
             white += (error if part.mix is None else part.mix @ error) @ part.time_root.T
-        return self.space.tied(_by_root(self.space, self.roots, white))
+        return self.space.tied(by_root(self.space, self.roots, white))
 
     def describe(self) -> dict[str, object]:
         """Facts for a report."""
@@ -108,7 +111,7 @@ def fit_tracks(
     Phi = space.scalar.matrix(X)
 
     def left(white: np.ndarray) -> np.ndarray:
-        c = space.tied(_by_root(space, roots, white.T))
+        c = space.tied(by_root(space, roots, white.T))
         return u - np.einsum("pa,ait->tpi", Phi, c, optimize=True)
 
     freedom = max(1.0 - space.size / (3.0 * valid.any(axis=0).sum()), 1e-3)
@@ -130,20 +133,20 @@ def fit_tracks(
         tuple(replace(part, time_root=noise * back @ part.time_root) for part in own)
         for own in (response, parts or response)
     )
-    series = _unfollowed(rest, noise, freedom)
+    series = unfollowed(rest, noise, freedom)
     parts = (*parts, Spread(np.sqrt(told)[:, None], back @ Q.T @ series))
-    c = space.tied(_by_root(space, roots, z.T @ back.T))
+    c = space.tied(by_root(space, roots, z.T @ back.T))
     held = press(space, X, u, valid)
     return Fit(space, splines, c, noise, misfit, held, roots, parts, smoothing, response)
 
 
-def _by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:
+def by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:
     """Coefficients of all functions [m] from whitened ones, shape [space.size, n]."""
     ends = np.cumsum([len(R) for R in roots])[:-1]
     return np.concatenate([R @ w for R, w in zip(roots, np.split(white, ends), strict=True)])
 
 
-def _unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
+def unfollowed(rest: np.ndarray, noise: float, freedom: float) -> np.ndarray:
     """Series of what the fields leave of the tracks and noise does not explain [m].
 
     Waves shorter than the distance of the tracks look like noise that is independent from track to

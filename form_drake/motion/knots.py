@@ -127,7 +127,7 @@ def _middle(rows: int, columns: int) -> float:
     return float(np.sqrt(np.interp(0.5 * below[-1], below, x) * max(rows, columns)))
 
 
-def _looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+def looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Fields by which bases are compared: modes, or some frames where points are missing."""
     if not valid.all():
         every = max(1, len(u) // LOOKS)
@@ -150,7 +150,7 @@ def chosen_space(
 
     ``noise`` is the standard deviation of a coordinate [m].
     """
-    u, valid = _looked_at(u, valid, noise)
+    u, valid = looked_at(u, valid, noise)
     floor = 1e-9 * float(np.sqrt(np.mean(u[valid] ** 2)))
     bases = _Bases(X, u, valid, body, noise)
     if not np.isfinite(bases.error((0, 0, 0), Symmetry())):

@@ -42,6 +42,11 @@ class Smoothing:
     own: np.ndarray
     rest: np.ndarray
 
+    @classmethod
+    def none(cls, functions: int) -> "Smoothing":
+        """Nothing is smoothed."""
+        return cls(np.zeros((0, 0)), np.zeros((0, functions)), np.ones(functions))
+
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """Smoothed coefficients, shape of z [moments, functions]."""
         along = self.modes.T @ z

@@ -33,6 +33,24 @@ class Symmetry:
         return bool(self.mirrors or self.exchange)
 
     @classmethod
+    def stated(cls, words: str) -> "Symmetry":
+        """Symmetries in words: ``x``, ``y`` or ``z`` for a mirror along it, ``xy`` for an exchange.
+
+        Raises:
+            ValueError: other words, or an exchange of axes along which nothing is mirrored.
+        """
+        axes = [tuple("xyz".find(letter) for letter in word) for word in words.split()]
+        mirrors = tuple(sorted({a for (a, *more) in axes if not more}))
+        pairs = [tuple(sorted(pair)) for pair in axes if len(pair) == 2]
+        known = all(min(a) >= 0 and len(set(a)) == len(a) < 3 for a in axes)
+        if not known or len(set(pairs)) > 1 or not all(set(p) <= set(mirrors) for p in pairs):
+            raise ValueError(
+                f"symmetry {words!r}: allowed are x, y and z for mirrors along these axes, and one pair"
+                " such as xy, of axes that are both mirrored, for their exchange"
+            )
+        return cls(mirrors, pairs[0] if pairs else ())
+
+    @classmethod
     def wider(cls, body: Body, found: "Symmetry") -> "list[Symmetry]":
         """Symmetries with one operation more that box and faces of a body would allow."""
         faces = {(f.axis, f.side): (f.condition, f.tool) for f in body.faces}
@@ -117,14 +135,16 @@ class Space:
     Attributes:
         scalar: splines of each component.
         symmetry: of all fields.
+        joined: whether all components make one block, as where their errors depend on one another.
     """
 
     scalar: Tensor
     symmetry: Symmetry = Symmetry()
+    joined: bool = False
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
-        """Components apart, or together where axes change places."""
+        """Components apart, or together where axes change places or all are ``joined``."""
         both = self.symmetry.exchange
         groups = [both] * bool(both) + [(a,) for a in range(3) if a not in both]
         projector = self.symmetry.projector(self.scalar)
@@ -140,7 +160,7 @@ class Space:
             kept = kept @ sparse.diags(1.0 / np.sqrt(kept.multiply(kept).sum(axis=0).A1))
             ties = tuple(sparse.csr_matrix(kept[n :: len(axes)]) for n in range(len(axes)))
             found.append(Block(axes, ties))
-        return tuple(found)
+        return (_joined(found),) if self.joined else tuple(found)
 
     @cached_property
     def alike(self) -> tuple[tuple[Block, ...], ...]:
@@ -179,6 +199,19 @@ class Space:
             for axis, tie in zip(block.axes, block.ties, strict=True):
                 c[:, axis] = tie @ own
         return c
+
+
+def _joined(blocks: list[Block]) -> Block:
+    """All functions of some blocks as those of one."""
+    ties: list[sparse.csr_matrix] = []
+    for n, block in enumerate(blocks):
+        for tie in block.ties:
+            parts = [
+                tie if m == n else sparse.csr_matrix((tie.shape[0], b.size))
+                for m, b in enumerate(blocks)
+            ]
+            ties.append(sparse.csr_matrix(sparse.hstack(parts)))
+    return Block(tuple(a for block in blocks for a in block.axes), tuple(ties))
 
 
 def _same(one: Block, other: Block) -> bool:

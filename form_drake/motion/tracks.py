@@ -11,9 +11,13 @@ OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 
 
 def tracks(
-    recording: Recording, body: Body
+    recording: Recording, body: Body, *, throughout: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stress-free positions, displacements, validity and time of the points ever seen."""
+    """Stress-free positions, displacements, validity and time of the points ever seen.
+
+    Raises:
+        ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
+    """
     valid = np.isfinite(recording.p_WQ).all(axis=2)
     if recording.valid is not None:
         valid &= recording.valid
@@ -32,10 +36,10 @@ def tracks(
     if recording.frames < 8:
         raise ValueError(f"{recording.frames} frames: 8 or more are needed")
     flat = np.linalg.svd((X - X.mean(axis=0)) / (body.high - body.low), compute_uv=False)
-    if flat[-1] < 1e-3 * flat[0]:
+    if throughout and flat[-1] < 1e-3 * flat[0]:
         raise ValueError(
-            "all points lie on one plane: motion inside the body needs points throughout it, or a"
-            " reconstruction of the interior"
+            "all points lie on one plane: motion inside the body needs points throughout it, or the"
+            " face that each lies on (points/face), from which the inside is reconstructed"
         )
     u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
     return X, u[:, seen], valid[:, seen], recording.time - recording.time[0]

@@ -93,7 +93,8 @@ class Recording:
         p_WQ: tracked points in world [m], shape [frames, points, 3].
         valid: which points were measured, shape [frames, points]; None: all.
         visible: which points a camera saw, shape [frames, points]; None: not known.
-        face: face of the specimen that a point lies on, -1 inside, shape [points].
+        face: face of the specimen that a point lies on, 0 to 5 for x- x+ y- y+ z- z+, -1 inside, shape
+            [points].
         noise: standard deviation of one coordinate [m]; None: unknown.
         p_reference: stress-free positions [m], shape [points, 3]; None: those of the first frame.
         v_0: velocities at the first frame [m/s], shape [points, 3].

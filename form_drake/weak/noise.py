@@ -7,6 +7,7 @@ import numpy as np
 
 from form_drake.motion import Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
+from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import forces, runs
 from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.fields import Fields
@@ -53,15 +54,15 @@ class Bases:
     moments: tuple[Moments, ...]
 
     @classmethod
-    def of(cls, fit: Fit, sampling: Sampling) -> "Bases":
-        """Those of a fit at the points and times of a sampling."""
+    def of(cls, fit: Fit, sampling: Sampling, parts: Sequence[Spread]) -> "Bases":
+        """Those of a fit at the points and times of a sampling, with some parts of its error."""
         value, gradient = [], []
         for block, root in zip(fit.space.blocks, fit.roots, strict=True):
             value.append(block.matrix(sampling.value) @ root)
             along = [block.matrix(sampling.gradient[:, :, d]) @ root for d in range(3)]
             gradient.append(np.stack(along, axis=2))
         moments = []
-        for part in fit.spread:
+        for part in parts:
             series, rate = (basis @ part.time_root for basis in (sampling.series, sampling.rate))
             moments.append(Moments(part.scale.T, series, rate, part.mix))
         axes = tuple(block.axes for block in fit.space.blocks)

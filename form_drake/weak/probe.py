@@ -10,6 +10,7 @@ from scipy.interpolate import interp1d
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
+from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import Along, balance, runs
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
@@ -201,6 +202,19 @@ class Probe:
 
     def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
         """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``."""
+        total = self._track_noise(law, values, theta, self.fit.spread) + self._force_noise()
+        total = total[np.ix_(self.keep, self.keep)]
+        found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
+        return found
+
+    def doubt(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
+        """The same from what no track tells, see ``Fit``."""
+        found: np.ndarray = self._track_noise(law, values, theta, self.fit.doubt)
+        return found[np.ix_(self.keep, self.keep)]
+
+    def _track_noise(
+        self, law: Law, values: Values, theta: np.ndarray, parts: tuple[Spread, ...]
+    ) -> np.ndarray:
         motion = self.motion
         elastic = self._elastic(law, values, motion)
         if law.flow == "plastic":
@@ -226,7 +240,7 @@ class Probe:
         every = max(1, int(width / step / LOOKS))
         at = np.arange(0, len(motion.time), every)
         rates = "rate" in law.needs
-        bases = Bases.of(self.fit, self.sampling)
+        bases = Bases.of(self.fit, self.sampling, parts)
         count = max(1, POINTS // len(motion.X))
         blocks = [at[n : n + count] for n in range(0, len(at), count)]
         families = [
@@ -235,10 +249,7 @@ class Probe:
             )
             for f in self.fields
         ]
-        total = track_noise(bases, families, every, self.windows)
-        total = (total + self._force_noise())[np.ix_(self.keep, self.keep)]
-        found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
-        return found
+        return track_noise(bases, families, every, self.windows)
 
     def _force_noise(self) -> np.ndarray:
         counts = [len(f.names) for f in self.fields]

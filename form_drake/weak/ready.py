@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
+from form_drake.motion.space import Space
 from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
 from form_drake.weak.fields import Exchanged, Fields, Mirrored
@@ -36,7 +37,7 @@ def prepared(
     step = frame / np.ceil(SAMPLES * frame / width - 1e-6)
     time = np.linspace(0.0, last, int(np.ceil(last / step)) + 1)
     mirrors = _mirrors(recording, fit, fields)
-    cells = quadrature_cells(fit, fields, shape, mirrors)
+    cells = quadrature_cells(fit.space, fields, shape, mirrors)
     exchange = fit.space.symmetry.exchange if mirrored(fit, fields) else ()
     middle = 0.5 * (shape.low + shape.high)[list(exchange)]
     if not (set(exchange) <= set(mirrors) and _alike(cells, exchange, middle)):
@@ -48,7 +49,7 @@ def prepared(
         volume = 2.0 ** len(mirrors) * volume
         X, volume = beside(X, volume, fields)
         if exchange:
-            X, volume = _halved(X, volume, X[:, exchange] - middle)
+            X, volume = halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
         return replace(
             found,
@@ -131,7 +132,7 @@ def _alike(cells: list[np.ndarray], axes: tuple[int, ...], middle: np.ndarray) -
     return all(len(c) == len(own[0]) and np.allclose(c, own[0], rtol=1e-9) for c in own)
 
 
-def _halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def halved(X: np.ndarray, volume: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points on one side of the diagonal of two axes, for those of both.
 
     Args:
@@ -155,11 +156,11 @@ def beside(
 
 
 def quadrature_cells(
-    fit: Fit, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int] = ()
+    space: Space, fields: Sequence[Fields], shape: Body, mirrors: Sequence[int] = ()
 ) -> list[np.ndarray]:
     """Ends of the quadrature cells along every axis [m]: no spline has a break inside a cell."""
     found = []
-    for a, axis in enumerate(fit.space.scalar.axes):
+    for a, axis in enumerate(space.scalar.axes):
         ends = [axis.breaks, *(f.breaks[a] for f in fields if f.breaks)]
         if a in mirrors:
             middle = 0.5 * (shape.low[a] + shape.high[a])
@@ -170,7 +171,7 @@ def quadrature_cells(
     return found
 
 
-def probe_body(recording: Recording) -> tuple[Body, Fit]:
+def probe_body(recording: Recording, symmetric: bool = True) -> tuple[Body, Fit]:
     """The body that a recording states and the motion fitted to its tracks."""
     shape = body(recording)
-    return shape, fit_tracks(recording, shape)
+    return shape, fit_tracks(recording, shape, symmetric=symmetric)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import brentq, lsq_linear
 
 Blocks = Sequence[np.ndarray]
@@ -141,6 +141,19 @@ def ordinary(A: np.ndarray, b: np.ndarray, covariance: Blocks) -> Solution:
     parts = np.split(np.linalg.pinv(A), np.cumsum([len(n) for n in covariance])[:-1], axis=1)
     own = sum(p @ n @ p.T for p, n in zip(parts, covariance, strict=True))
     return replace(found, covariance=np.asarray(own))
+
+
+def carried(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
+    """Covariance of a solution from errors by which its rows were not weighed.
+
+    Args:
+        A: columns, shape [rows, columns].
+        by: weights of the rows.
+        errors: covariance of each probe's rows [(N m s)^2].
+    """
+    back = np.linalg.pinv(by.white(A))
+    white = by.white(by.white(block_diag(*errors)).T)
+    return np.asarray(back @ white @ back.T)
 
 
 def bounded(A: np.ndarray, b: np.ndarray, by: Weights, floors: np.ndarray) -> Solution:

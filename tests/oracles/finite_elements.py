@@ -174,16 +174,20 @@ def simulate(solver, points, *, end, fps, h):
     return named | {"time": np.array(stamps), "origin": origin, "force": force, "contact": contact}
 
 
-def drawn(box, count, seed):
-    """Positions (count, 3) [m] drawn uniformly from box (2, 3)."""
-    return np.random.default_rng(seed).uniform(*box, (count, 3))
+def drawn(box, count, seed, face=None):
+    """Positions (count, 3) [m] drawn uniformly from box (2, 3), or from a face such as "x+"."""
+    points = np.random.default_rng(seed).uniform(*box, (count, 3))
+    if face:
+        axis = "xyz".index(face[0])
+        points[:, axis] = box[int(face[1] == "+"), axis]
+    return points
 
 
 def run(case, args, level, h):
     """The run of ``case`` on a mesh level with steps of h [s], and its solver."""
     solver = prepared(case, level, gravity=args.gravity)
     box, knots = (STRIP, BEND) if case.startswith("bend") else (BLOCK, PRESS)
-    points = drawn(box, args.points, args.seed)
+    points = drawn(box, args.points, args.seed, args.face)
     found = simulate(solver, points, end=knots[-1, 0], fps=args.fps, h=h)
     return found | {"reference": points}, solver
 
@@ -256,6 +260,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("case", choices=PARAMETERS)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--face", choices=[a + s for a in "xyz" for s in "-+"])
     parser.add_argument("--out", type=Path, default=Path())
     parser.add_argument("--mesh", choices=LEVELS, default="medium")
     parser.add_argument("--points", type=int, default=400)

@@ -1,0 +1,95 @@
+"""What rigid tools and supports say of the faces that they hold."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.interior.statics import Rows, Statics
+from form_drake.motion import Body, Face
+from form_drake.records import Recording
+from form_drake.weak.force import measured
+
+POINTS = 10  # along each side of a face
+EXACT = 1e-6  # [m] to which a face is as its tool has it
+PRESSED = 0.01  # of the largest force, above which a tool presses
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A face and the tool that holds it, in every frame.
+
+    Attributes:
+        face: of the body.
+        moved: where the tool carries points of the face [m], shape [frames, points, 3]; None: not known,
+            as while a tool comes nearer before it touches.
+        presses: whether it holds the face at all, shape [frames].
+    """
+
+    face: Face
+    moved: np.ndarray | None
+    presses: np.ndarray
+
+    def rows(self, statics: Statics, sticks: bool) -> Callable[[int], Rows]:
+        """Rows of the coefficients in a frame.
+
+        Args:
+            statics: of the body.
+            sticks: whether a bonded face sticks, or slides along its tool as others do.
+        """
+        X = statics.body.face_points(self.face, POINTS)
+        bonded = sticks and self.face.condition == "bonded"
+        axes = [0, 1, 2] if bonded else [self.face.axis]
+        D = statics.values(X)[:, axes]
+        flat = D.reshape(-1, D.shape[-1])
+        if self.moved is None:
+            rigid = _rigid(X)[:, axes].reshape(len(flat), -1)
+            U, S, _ = np.linalg.svd(rigid, full_matrices=False)
+            U = U[:, S > 1e-9 * S[0]]
+            flat = flat - U @ (U.T @ flat)
+            targets = np.zeros((len(self.presses), len(flat)))
+        else:
+            targets = self.moved[..., axes].reshape(len(self.moved), -1)
+        whole, none = Rows.of(flat, targets[0], EXACT).normal, Rows.none(flat.shape[1])
+        return lambda n: Rows(whole, flat.T @ targets[n] / EXACT**2) if self.presses[n] else none
+
+
+def _rigid(X: np.ndarray) -> np.ndarray:
+    """Displacements of points [m] that are translated or turned a little, shape [points, 3, 6]."""
+    turned = np.cross(np.eye(3), (X - X.mean(axis=0))[:, None]).swapaxes(1, 2)
+    return np.concatenate([np.tile(np.eye(3), (len(X), 1, 1)), turned / np.ptp(X)], axis=2)
+
+
+def grips(recording: Recording, body: Body) -> list[Grip]:
+    """The faces that tools and supports hold: bonded ones, and those that slide on a plane."""
+    found = []
+    for face in body.faces:
+        if face.condition not in ("bonded", "frictionless"):
+            continue
+        if face.tool in recording.forces:
+            found.append(Grip(face, None, pressed(recording, face.tool)))
+        else:
+            X = body.face_points(face, POINTS)
+            always = np.ones(recording.frames, dtype=bool)
+            found.append(Grip(face, carried(recording, face.tool, X), always))
+    return found
+
+
+def carried(recording: Recording, tool: str, X: np.ndarray) -> np.ndarray:
+    """Displacements of points that a tool carries from its first pose on [m], shape [frames, points, 3]."""
+    stream = recording.poses.get(tool)
+    if stream is None:
+        return np.zeros((recording.frames, *X.shape))
+    nearest = np.abs(stream.time - recording.time[:, None]).argmin(axis=1)
+    first, X_WT = np.linalg.inv(stream.value[0]), stream.value[nearest]
+    p_TX = X @ first[:3, :3].T + first[:3, 3]
+    return np.asarray(p_TX @ X_WT[:, :3, :3].swapaxes(1, 2) + X_WT[:, None, :3, 3] - X)
+
+
+def pressed(recording: Recording, tool: str) -> np.ndarray:
+    """Whether a tool is pushed back, in every frame."""
+    last = float(recording.time[-1] - recording.time[0])
+    force = measured(recording, 0.0, last)[tool]
+    size = np.linalg.norm(force.value, axis=1)
+    now = np.interp(recording.time - recording.time[0], force.time, size)
+    return np.asarray(now > PRESSED * size.max())

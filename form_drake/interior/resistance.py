@@ -1,0 +1,91 @@
+"""What a law answers to a deformation: stress, its slope, and what plastic flow leaves behind."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.laws import Law, law_named
+from form_drake.material import Material
+from form_drake.motion.motion import inverse
+from form_drake.weak.stress import elastic_part, unit_stresses
+
+STEP = 1e-6  # of a deformation gradient, by which slopes are taken
+PLAIN = "fixed-corotated"  # stands in while nothing is known of a law but Poisson's ratio
+POISSON = 0.4  # where that is not known either
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What some points have gone through.
+
+    Attributes:
+        F: deformation gradients, shape [points, 3, 3].
+        elastic: their elastic part, of the same shape.
+    """
+
+    F: np.ndarray
+    elastic: np.ndarray
+
+    @classmethod
+    def none(cls, points: int) -> "Memory":
+        """Free of stress."""
+        rest = np.tile(np.eye(3), (points, 1, 1))
+        return cls(rest, rest)
+
+
+@dataclass(frozen=True)
+class Resistance:
+    """A law with values, in units of its shear modulus.
+
+    Attributes:
+        law: the law.
+        values: of all its parameters.
+        weighs: whether the modulus is known, so that weight can be compared with it.
+    """
+
+    law: Law
+    values: dict[str, float]
+    weighs: bool
+
+    @classmethod
+    def plain(cls, nu: float | None = None) -> "Resistance":
+        """Elasticity with Poisson's ratio ``nu`` and no known modulus."""
+        nu = POISSON if nu is None else nu
+        return cls(law_named(PLAIN), {"mu": 1.0, "lam": 2.0 * nu / (1.0 - 2.0 * nu)}, False)
+
+    @classmethod
+    def of(cls, material: Material) -> "Resistance | None":
+        """A material's; None where it does not resist being sheared at rest, as fluids and sand."""
+        bulk, shear = material.law.moduli(material.values)
+        static = shear > 0.0 and bulk > 0.0 and material.law.flow in ("elastic", "plastic")
+        return cls(material.law, dict(material.values), True) if static else None
+
+    @property
+    def modulus(self) -> float:
+        """Shear modulus at rest [Pa]; 1 where it is not known."""
+        return float(self.law.moduli(self.values)[1])
+
+    def answer(self, F: np.ndarray, past: Memory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stress after a stride that begins where ``past`` ends.
+
+        Args:
+            F: deformation gradients, shape [points, 3, 3].
+            past: of the same points.
+
+        Returns:
+            First Piola-Kirchhoff stress by the modulus, shape [points, 3, 3], its derivative dP_ij / dF_kl,
+            shape [points, 9, 9], and the elastic part of F.
+        """
+        push = np.concatenate([np.zeros((1, 9)), STEP * np.eye(9)]).reshape(10, 1, 3, 3)
+        ways = (F + push).reshape(-1, 3, 3)
+        elastic = ways
+        if self.law.flow == "plastic":
+            before = np.tile(past.elastic, (10, 1, 1))
+            trial = ways @ np.tile(inverse(past.F), (10, 1, 1)) @ before
+            radius = self.law.radius_vector(self.values)
+            elastic = elastic_part(self.law, np.stack([before, trial]), radius)[1]
+        T = unit_stresses(self.law, elastic, np.zeros_like(elastic), self.values)
+        tau = np.tensordot(self.law.theta(self.values), T, axes=1) / self.modulus
+        P = (tau @ inverse(ways).swapaxes(1, 2)).reshape(10, len(F), 9)
+        slope = np.moveaxis((P[1:] - P[0]) / STEP, 0, 2)
+        return P[0].reshape(F.shape), slope, elastic[: len(F)]
