@@ -254,8 +254,9 @@ def full_recording() -> Recording:
     def stream(*shape: int) -> Stream:
         return Stream(np.arange(SIZES["samples"]) * 1.0, np.ones((SIZES["samples"], *shape)))
 
+    alike = np.tile(np.eye(3), (SIZES["points"], 1, 1))
     recording = Recording(
-        **_arrays(Recording),
+        **{**_arrays(Recording), "covariance": alike},
         noise=1.0,
         density=1.0,
         mass_scale=2.0,

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from form_drake.mpm.exchange import Snapshot
 
 NEIGHBOURS = 27  # particles that carry a point of the skin
+REACH = 2.2  # spacings, from which particles carry a point of a patch
 RIDGE = 1e-6  # keeps a sheet of one layer from having no slope at all
 LATTICE = 0.02  # of a spacing, within which particles stand on a lattice
 
@@ -130,6 +131,63 @@ class Skin:
         return unit
 
 
+@dataclass(frozen=True)
+class Patch:
+    """A flat rectangle of a body's surface that moves with the particles, as smoothly as they do.
+
+    Attributes:
+        X: its points free of stress, an even grid [m], shape [points, 3].
+        triangles: vertices, seen counter-clockwise from outside, shape [triangles, 3].
+        carried: share of every particle in a point's displacement, shape [points, particles].
+    """
+
+    X: np.ndarray
+    triangles: np.ndarray
+    carried: csr_array
+
+    @classmethod
+    def of(
+        cls, rest: np.ndarray, low: np.ndarray, high: np.ndarray, face: str, cell: float
+    ) -> "Patch":
+        """A face of a box.
+
+        Moving least squares with weights that end smoothly: a motion of the particles that is affine
+        moves the patch along exactly, and any other one leaves no steps in it.
+
+        Args:
+            rest: particles free of stress on a lattice along the axes [m], shape [particles, 3].
+            low: lower corner of the box [m], shape [3].
+            high: upper corner [m], shape [3].
+            face: such as ``x+``.
+            cell: longest side of a quad [m].
+
+        Raises:
+            ValueError: the particles stand on no lattice.
+        """
+        axis, side = "xyz".index(face[0]), face[1] == "+"
+        sides = [
+            np.linspace(low[a], high[a], 1 + int(np.ceil((high[a] - low[a]) / cell)))
+            for a in range(3)
+        ]
+        sides[axis] = np.array([(low, high)[side][axis]])
+        b, c = (a for a in range(3) if a != axis)
+        X = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+        index = np.arange(len(X)).reshape(len(sides[b]), len(sides[c]))
+        quad = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
+        if side != (
+            axis != 1
+        ):  # the other two axes turn about x and z as they stand, about y against it
+            quad.reverse()
+        p, q, r, s = (corner.ravel() for corner in quad)
+        triangles = np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+        return cls(X, triangles, _smoothly_carried(X, rest, _lattice(rest)[1]))
+
+    def points(self, p_WQ: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Places [m] for places of the particles, now and free of stress [m], shape [points, 3]."""
+        found: np.ndarray = self.X + self.carried @ (p_WQ - rest)
+        return found
+
+
 def _lattice(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lowest particle [m], spacing along each axis [m], and every particle's cell."""
     low = rest.min(axis=0)
@@ -165,16 +223,38 @@ def _quads(full: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _carried(X: np.ndarray, rest: np.ndarray, spacing: np.ndarray) -> csr_array:
-    """Weights of moving least squares: an affine motion of the particles moves X along."""
+    """Shares of the nearest particles, by a bell curve."""
     near = min(NEIGHBOURS, len(rest))
     index = cKDTree(rest / spacing).query(X / spacing, k=near)[1].reshape(len(X), near)
     r = (rest[index] - X[:, None]) / spacing
-    w = np.exp(-0.5 * np.sum(r**2, axis=2))
+    return _shares(index, r, np.exp(-0.5 * np.sum(r**2, axis=2)), len(rest))
+
+
+def _smoothly_carried(X: np.ndarray, rest: np.ndarray, spacing: np.ndarray) -> csr_array:
+    """Shares of all particles within ``REACH``, by a weight that ends there smoothly."""
+    near = cKDTree(rest / spacing).query_ball_point(X / spacing, REACH)
+    most = max(map(len, near))
+    index = np.array([[*own, *[own[0]] * (most - len(own))] for own in near])
+    real = np.arange(most) < np.array([[len(own)] for own in near])
+    r = (rest[index] - X[:, None]) / spacing
+    share = 1.0 - np.minimum(np.sum(r**2, axis=2) / REACH**2, 1.0)
+    return _shares(index, r, real * share**4, len(rest))
+
+
+def _shares(index: np.ndarray, r: np.ndarray, w: np.ndarray, particles: int) -> csr_array:
+    """Weights of moving least squares: an affine motion of the particles moves a point along.
+
+    Args:
+        index: particles that carry each point, shape [points, near].
+        r: from the point to them [spacings], shape [points, near, 3].
+        w: weight of each, shape [points, near].
+        particles: how many there are.
+    """
     P = np.concatenate([np.ones((*r.shape[:2], 1)), r], axis=2)
     moment = np.einsum("nk,nki,nkj->nij", w, P, P)
     size = w.sum(axis=1)[:, None, None]
     moment += RIDGE * size * np.diag([0.0, 1.0, 1.0, 1.0])
-    row = np.linalg.solve(moment, np.eye(4)[:, :1])[..., 0]
+    row = np.linalg.solve(moment, np.tile(np.eye(4)[:, :1], (len(r), 1, 1)))[..., 0]
     shares = w * np.einsum("ni,nki->nk", row, P)
-    at = np.repeat(np.arange(len(X)), near)
-    return csr_array((shares.ravel(), (at, index.ravel())), shape=(len(X), len(rest)))
+    at = np.repeat(np.arange(len(r)), index.shape[1])
+    return csr_array((shares.ravel(), (at, index.ravel())), shape=(len(r), particles))

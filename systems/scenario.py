@@ -138,6 +138,51 @@ class Measurement:
 
 
 @dataclass
+class StereoPair:
+    """Two cameras that look at a face of the specimen, on which speckle is sprayed.
+
+    Attributes:
+        face: that is seen, such as ``x+``; empty: none.
+        symmetry: that the recording states of the motion, see ``docs/recording.md``.
+        aim: what they look at in world [m]; empty: the middle of the face.
+        down: direction in world that is downwards in the pictures.
+        size: width and height of a picture [px].
+        focus: focal length [px].
+        distance: of the cameras from what they look at [m].
+        baseline: between the cameras [m].
+        distortion: of both lenses, k1 k2 p1 p2 k3.
+        turned_deg: by how much the right camera is turned about its axes from its calibration [deg].
+        rate: of the pictures [Hz].
+        half: pixels from a point to the rim of what is compared.
+        spacing: of the points [m]; None: chosen.
+        speckle: radius of the speckle's discs [px].
+        noise: standard deviation of a grey value.
+        blur: of the lens [px].
+        drift: by which grey values have grown at the end, as a share.
+        seed: of speckle and noise.
+    """
+
+    face: str = ""
+    symmetry: str = ""
+    aim: list[float] = field(default_factory=list)
+    down: list[float] = field(default_factory=lambda: [0.0, 0.0, -1.0])
+    size: list[int] = field(default_factory=lambda: [640, 480])
+    focus: float = 4000.0
+    distance: float = 0.3
+    baseline: float = 0.1
+    distortion: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0, 0.0])
+    turned_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rate: float = 60.0
+    half: int = 12
+    spacing: float | None = None
+    speckle: float = 1.65
+    noise: float = 2.0
+    blur: float = 0.0
+    drift: float = 0.0
+    seed: int = 0
+
+
+@dataclass
 class Scenario:
     """A station and a probe.
 
@@ -152,6 +197,7 @@ class Scenario:
         solver: its simulation.
         probe: what the arm does.
         measure: what is recorded.
+        stereo: cameras that see the specimen for ``simulate --perception stereo``.
         cameras: by name.
     """
 
@@ -164,6 +210,7 @@ class Scenario:
     solver: Stepping = field(default_factory=Stepping)
     probe: Probe = field(default_factory=Probe)
     measure: Measurement = field(default_factory=Measurement)
+    stereo: StereoPair = field(default_factory=StereoPair)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
 
 

@@ -355,7 +355,7 @@ def test_no_declared_law_lists_the_laws(capsys, files, here):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ((), "demo, simulate, identify, predict"),
+        ((), "demo, simulate, track, identify, predict"),
         (("melt",), "melt"),
         (("identify",), "PATH"),
         (("predict", "a.yaml"), "PATH"),

@@ -77,7 +77,7 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     wanted = np.stack([inside + stretched(inside, f) for f in lam])
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
     off = motion.F[-1] - np.diag([0.8**-POISSON, 0.8**-POISSON, 0.8])
-    assert np.sqrt(np.mean(off**2)) < 3e-4
+    assert np.sqrt(np.mean(off**2)) < 6e-4
 
 
 def test_a_body_that_sags_is_found_free_of_stress():
@@ -132,7 +132,8 @@ def seen(folder, case, face, box, symmetry, contact, stride, noise=3e-6):
     """A face of a finite element motion, seen with noise, and the truth."""
     name = ("x-", "x+", "y-", "y+", "z-", "z+")[face]
     command = [sys.executable, str(ORACLES / "finite_elements.py"), case, "--mesh", "coarse"]
-    command += ["--face", name, "--out", str(folder)]
+    hangs = case.startswith("bend")  # at rest at first, under its weight, which no frame shows
+    command += ["--face", name, "--out", str(folder), *["--gravity"] * hangs]
     subprocess.run(command, check=True, timeout=300)
     a, truth = (
         np.load(folder / f"{case}.npz"),
@@ -147,7 +148,7 @@ def seen(folder, case, face, box, symmetry, contact, stride, noise=3e-6):
     made = Recording.from_arrays(
         a["time"][::stride],
         p_WQ,
-        p_reference=X[own],
+        p_reference=None if hangs else X[own],
         face=np.full(int(own.sum()), face),
         noise=noise,
         gravity=a["gravity"],
@@ -170,6 +171,7 @@ def test_one_face_of_a_bent_strip_gives_its_stiffness(tmp_path):
     E = answer.material.parameters()["E"]
     assert E.value == pytest.approx(truth["E"], rel=7e-3)
     assert abs(E.value - truth["E"]) < 3.0 * E.std
+    assert answer.details["passes_inside"] > 1
     with pytest.raises(ValueError, match="twin"):
         identify(made, method="weak", twin=lambda values: made)
     with pytest.raises(ValueError, match="points/face"):

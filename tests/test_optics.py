@@ -24,7 +24,7 @@ def test_a_camera_sees_what_it_looks_at_in_the_middle():
     assert projected(one, np.array([0.0, 0.1, -0.1])) == pytest.approx([320.0, 240.0])
     assert one.X_WC[:3, :3].T @ one.X_WC[:3, :3] == pytest.approx(np.eye(3))
     assert np.linalg.det(one.X_WC[:3, :3]) == pytest.approx(1.0) and one.X_WC[1, 1] > 0.0
-    with pytest.raises(ValueError, match="not along the y axis"):
+    with pytest.raises(ValueError, match="not along \\[0"):
         looking(np.zeros(3), np.array([0.0, 1.0, 0.0]), 500.0, (641, 481))
 
 

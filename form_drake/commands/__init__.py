@@ -11,11 +11,13 @@ from form_drake.commands.identify import Identify
 from form_drake.commands.inspect import Check, List
 from form_drake.commands.predict import Predict
 from form_drake.commands.simulate import Simulate
+from form_drake.commands.track import Track
 
-VERBS = ("demo", "simulate", "identify", "predict", "diagnose", "check", "list", "bench")
+VERBS = ("demo", "simulate", "track", "identify", "predict", "diagnose", "check", "list", "bench")
 COMMANDS = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Track, tyro.conf.subcommand("track")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Predict, tyro.conf.subcommand("predict")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]

@@ -1,6 +1,7 @@
 """How every command speaks: tables or one JSON object on standard output, the rest on standard error."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +22,21 @@ def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:
 def say(text: str) -> None:
     """A message to the person, not part of the answer."""
     print(text, file=sys.stderr, flush=True)
+
+
+def run_in(folder: Path, *words: str) -> None:
+    """Run a command of this program in a folder, in a process of its own.
+
+    Raises:
+        ValueError: what it says, where it fails.
+    """
+    command = [sys.executable, "-m", "form_drake", *words]
+    done = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise ValueError(f"{words[0]}: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
+    for line in done.stderr.splitlines():
+        if not line.startswith(("Warp", "written")):
+            say(line)
 
 
 def device(name: str) -> None:

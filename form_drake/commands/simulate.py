@@ -8,12 +8,13 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from form_drake.commands.output import Changes, device, emit, out_file, say
+from form_drake.commands.output import Changes, device, emit, out_file, run_in, say
 from form_drake.files import target_folder, whole_folder, write_json, write_text
-from form_drake.records import write_recording
+from form_drake.records import Recording, read_recording, write_recording
 
 if TYPE_CHECKING:
     from form_drake.systems.identifier import Answer
+    from form_drake.systems.scenario import Scenario
 
 
 ROUNDED = 1e-9  # share of a value, below which its deviation is rounding: it was given
@@ -35,6 +36,9 @@ class Simulate:
     """Write the Meshcat page; --no-page leaves it out."""
     live: bool = False
     """Show the simulation while it runs, in a browser."""
+    perception: Literal["stereo"] | None = None
+    """Two cameras see a face: pictures are rendered, and a process of its own that sees nothing else
+    tracks them; the recording holds none of the simulator's particles."""
     answers: float | None = None
     """Identify while the probe moves, every so many seconds of it, and say what is known by then."""
     graphviz: Path | None = None
@@ -46,6 +50,7 @@ class Simulate:
 
     def run(self) -> None:
         """Simulate, then write recording, truth, effective scenario and page."""
+        from form_drake.systems.pictures import seen_by_cameras
         from form_drake.systems.probe import largest_force, prepare, record, shown, truth
         from form_drake.systems.scenario import load_scenario, scenario_text
         from form_drake.systems.viewer import View
@@ -60,6 +65,8 @@ class Simulate:
             write_text(dot, prepare(scenario).diagram.GetGraphvizString())
             say(f"written: {dot}")
             return
+        if self.perception is not None:
+            scenario = seen_by_cameras(scenario)
         out = target_folder(self.out or Path("runs") / scenario.name)
         hidden = truth(scenario)
         told = (lambda url: say(f"live view: {url}")) if self.live else None
@@ -70,7 +77,10 @@ class Simulate:
         with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
             recording = record(run, lambda *_: bar.update())
         with whole_folder(out) as folder:
-            write_recording(recording, folder / "recording.h5")
+            if self.perception is not None:
+                recording = self._looked(scenario, recording, folder)
+            else:
+                write_recording(recording, folder / "recording.h5")
             write_json(folder / "truth.json", hidden)
             write_text(folder / "scenario.yaml", scenario_text(self.scenario, changes, hidden=True))
             if meshcat is not None and self.page:
@@ -88,6 +98,30 @@ class Simulate:
         )
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
+
+    def _looked(self, scenario: "Scenario", particles: Recording, folder: Path) -> Recording:
+        """Write what cameras see of the particles, and the recording that a process makes of that alone."""
+        from form_drake.systems.pictures import beside_pictures, rig_of, write_pictures
+
+        rig = rig_of(scenario, 1.0 / float(np.median(np.diff(particles.time))))
+        seen = folder / "seen"
+        (seen / "pictures").mkdir(parents=True)
+        rig.write(seen / "rig.yaml")
+        write_recording(beside_pictures(particles, scenario.stereo.symmetry), seen / "probe.h5")
+        with tqdm(total=particles.frames, unit="pair", disable=None, delay=2, leave=False) as bar:
+            write_pictures(seen / "pictures", scenario, rig, particles, self.device, bar.update)
+        words = [
+            "pictures",
+            "--calibration",
+            "rig.yaml",
+            "--probe",
+            "probe.h5",
+            "--out",
+            "tracks.h5",
+        ]
+        run_in(seen, "track", *words, "--device", self.device)
+        (seen / "tracks.h5").rename(folder / "recording.h5")
+        return read_recording(folder / "recording.h5")
 
 
 def _tell(answer: "Answer") -> None:

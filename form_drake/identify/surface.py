@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from form_drake.identify.options import Reader
 from form_drake.identify.solve import Identification
-from form_drake.interior import Resistance, fit_surface, on_surface
+from form_drake.interior import Resistance, fit_surface
 from form_drake.motion import Body, Fit, body
 from form_drake.records import Recording
 from form_drake.weak.ready import probe_body
@@ -22,16 +22,16 @@ LEAST = 1e-3  # of a value, the same
 def balanced_inside(
     recordings: Sequence[Recording],
     known: Mapping[str, float],
-    identified: Callable[[Reader], Identification],
+    identified: Callable[[Sequence[Recording], Reader], Identification],
 ) -> Identification:
     """The answer whose own law balances the inside of the bodies.
 
     Args:
         recordings: of which some hold points of the surface alone.
         known: given values.
-        identified: the answer with a reader of recordings.
+        identified: the answer from recordings with a reader of them.
     """
-    throughout = {id(r): probe_body(r) for r in recordings if not on_surface(r)}
+    throughout = {id(r): probe_body(r) for r in recordings if not r.on_surface}
     resistance: Resistance | None = Resistance.plain(known.get("nu"))
     answers: list[Identification] = []
     while resistance is not None and len(answers) < PASSES:
@@ -39,12 +39,13 @@ def balanced_inside(
         def read(
             r: Recording, symmetric: bool = True, inside: Resistance = resistance
         ) -> tuple[Body, Fit]:
-            if not on_surface(r):
+            if not r.on_surface:
                 return throughout[id(r)] if symmetric else probe_body(r, symmetric)
             shape = body(r)
             return shape, fit_surface(r, shape, inside, symmetric=symmetric)
 
-        answers.append(identified(read))
+        given = recordings if resistance.weighs else [_weightless(r) for r in recordings]
+        answers.append(identified(given, read))
         if len(answers) > 1 and _alike(*answers[-2:]):
             break
         resistance = Resistance.of(answers[-1].material)
@@ -52,6 +53,12 @@ def balanced_inside(
     first = {k: v.value for k, v in answers[0].material.parameters().items()}
     details = {**last.details, "passes_inside": len(answers), "before_law_inside": first}
     return replace(last, details=details, seconds=sum(a.seconds for a in answers))
+
+
+def _weightless(recording: Recording) -> Recording:
+    """Without weight, where the frame that it has bent is taken for free of stress."""
+    bent = recording.on_surface and recording.p_reference is None
+    return replace(recording, gravity=None) if bent else recording
 
 
 def _alike(one: Identification, other: Identification) -> bool:

@@ -14,7 +14,6 @@ from form_drake.identify.solve import Identification, Unidentifiable, require_gi
 from form_drake.identify.surface import balanced_inside
 from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import noise_bias, parameters, refuse
-from form_drake.interior import on_surface
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
@@ -65,7 +64,7 @@ def identify_weak(
         Unidentifiable: the motions do not determine the parameters.
     """
     each = _of_every_probe(options, len(recordings))
-    if any(on_surface(r) for r in recordings):
+    if any(r.on_surface for r in recordings):
         if twin is not None:
             raise ValueError(
                 "a twin is of points throughout the body, not of points on its surface"
@@ -73,7 +72,7 @@ def identify_weak(
         return balanced_inside(
             recordings,
             known,
-            lambda read: estimated(weighed(recordings, law, known, each, read), each[0]),
+            lambda given, read: estimated(weighed(given, law, known, each, read), each[0]),
         )
     ready = weighed(recordings, law, known, each)
     first = estimated(ready, each[0])

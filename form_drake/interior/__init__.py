@@ -2,6 +2,6 @@
 passes through what is seen."""
 
 from form_drake.interior.resistance import Resistance
-from form_drake.interior.surface import fit_surface, on_surface
+from form_drake.interior.surface import fit_surface
 
-__all__ = ["Resistance", "fit_surface", "on_surface"]
+__all__ = ["Resistance", "fit_surface"]

@@ -1,6 +1,7 @@
 """The motion of a whole body from points on its surface, with the covariance of what is not seen."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -27,11 +28,6 @@ UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
 
 
-def on_surface(recording: Recording) -> bool:
-    """Whether all points of a recording are stated to lie on faces of the body."""
-    return recording.face is not None and bool(np.all(recording.face >= 0))
-
-
 def fit_surface(
     recording: Recording, body: Body, resistance: Resistance, *, symmetric: bool = True
 ) -> Fit:
@@ -46,14 +42,15 @@ def fit_surface(
     Raises:
         ValueError: too few points or frames, or no motion inside passes through them.
     """
-    X, u, valid, time = tracks(recording, body, throughout=False)
+    X, u, valid, time, used = tracks(recording, body, throughout=False)
     stated = recording.noise
     noise = noise_of(recording.time, u, valid) if stated is None else stated
     words = recording.geometry.get("symmetry", "") if symmetric else ""
     symmetry = Symmetry.stated(words)
     u = centred(symmetry, body, X, u)
-    space, held_out = chosen_cells(X, u, valid, body, noise, symmetry)
-    seen = _Seen(X, u, valid, max(noise, held_out))
+    root = alike(recording, used, noise)
+    space, held_out = chosen_cells(X, u, valid, root, body, noise, symmetry)
+    seen = _Seen(X, u, valid, root, max(noise, held_out))
     gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
     statics = Statics(space, body, resistance, body.density * gravity)
     held = grips(recording, body)
@@ -65,22 +62,55 @@ def fit_surface(
 
 @dataclass(frozen=True)
 class _Seen:
-    """Points of the surface: X and u [m], as in ``tracks``, and to how much a motion must follow them."""
+    """Points of the surface.
+
+    Attributes:
+        X: stress-free positions [m], shape [points, 3].
+        u: displacements [m], shape [frames, points, 3].
+        valid: which are seen, shape [frames, points].
+        root: that makes their errors alike, shape [points, 3, 3].
+        sd: to how much a motion must then follow them [m].
+    """
 
     X: np.ndarray
     u: np.ndarray
     valid: np.ndarray
+    root: np.ndarray
     sd: float
+
+    def matrix(self, statics: Statics) -> np.ndarray:
+        """Displacements of the points by the coefficients, errors made alike, [points, 3, size]."""
+        return np.asarray(self.root @ statics.values(self.X))
+
+    @cached_property
+    def alike(self) -> np.ndarray:
+        """Displacements with errors made alike [m], shape of u."""
+        return np.einsum("pij,fpj->fpi", self.root, self.u, optimize=True)
 
     def rows(self, D: np.ndarray, n: int) -> Rows:
         """Of a frame."""
         seen = self.valid[n]
-        return Rows.of(D[seen], self.u[n, seen], self.sd)
+        return Rows.of(D[seen], self.alike[n, seen], self.sd)
+
+
+def alike(recording: Recording, seen: np.ndarray, noise: float) -> np.ndarray:
+    """Roots that turn the errors of points into independent ones of the size of the noise [points, 3, 3].
+
+    Args:
+        recording: of the points; without their covariance, errors are alike as they are.
+        seen: which of its points are used, shape [points].
+        noise: standard deviation of a coordinate [m].
+    """
+    count = int(seen.sum())
+    if recording.covariance is None or noise <= 0.0:
+        return np.tile(np.eye(3), (count, 1, 1))
+    size, axes = np.linalg.eigh(recording.covariance[seen])
+    return np.asarray((axes * (noise / np.sqrt(size))[:, None]) @ axes.swapaxes(1, 2))
 
 
 def _frames(statics: Statics, seen: _Seen, held: list[Grip], sticks: bool) -> list[Held]:
     """Every frame after the one before it."""
-    D = statics.values(seen.X)
+    D = seen.matrix(statics)
     own = [grip.rows(statics, sticks) for grip in held]
     last, found = statics.rest, []
     for n in range(len(seen.u)):
@@ -106,16 +136,16 @@ def _sticks(statics: Statics, seen: _Seen, held: list[Grip]) -> bool:
         np.searchsorted(size[: most + 1], np.linspace(0.0, size[most], LOOKS + 1)[1:])
     )
     looks = np.unique(np.minimum.accumulate(looks[::-1])[::-1])
-    few = _Seen(seen.X, seen.u[looks], seen.valid[looks], seen.sd)
+    few = replace(seen, u=seen.u[looks], valid=seen.valid[looks])
     own = [
         Grip(g.face, None if g.moved is None else g.moved[looks], g.presses[looks]) for g in held
     ]
     statics = replace(statics, resistance=Resistance.plain())
-    D = statics.values(seen.X)
+    D = seen.matrix(statics)
     left = []
     for sticks in (True, False):
         last = _frames(statics, few, own, sticks)[-1]
-        rest = (few.u[-1] - D @ last.y)[few.valid[-1]]
+        rest = (few.alike[-1] - D @ last.y)[few.valid[-1]]
         left.append(float(np.sum(rest**2)))
     return left[0] <= SLIDES * left[1]
 
@@ -154,9 +184,9 @@ def _fit(statics: Statics, seen: _Seen, time: np.ndarray, noise: float, frames: 
     splines = chosen_time(time, z, noise)
     Q, R = np.linalg.qr(splines.matrix(time))
     back = np.linalg.inv(R)
-    D = statics.values(seen.X).reshape(-1, len(z[0]))
+    D = seen.matrix(statics).reshape(-1, len(z[0]))
     follows = ((Q @ (Q.T @ z)) @ root.T @ D.T).reshape(seen.u.shape)
-    rest = np.where(seen.valid[..., None], seen.u - follows, 0.0)
+    rest = np.where(seen.valid[..., None], seen.alike - follows, 0.0)
     freedom = max(1.0 - told.sum() / len(D), SHOWN)
     spread = (
         Spread(np.sqrt(told)[:, None], noise * back),

@@ -102,7 +102,7 @@ def fit_tracks(
     Raises:
         ValueError: too few points or frames, or points on one plane.
     """
-    X, u, valid, time = tracks(recording, body)
+    X, u, valid, time, _ = tracks(recording, body)
     stated = recording.noise
     noise = noise_of(recording.time, u, valid) if stated is None else stated
     space = like.space if like else chosen_space(X, u, valid, body, noise, symmetric=symmetric)

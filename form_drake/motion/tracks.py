@@ -7,13 +7,14 @@ from form_drake.motion.knots import white_noise
 from form_drake.records import Recording
 
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
+FLAT = 0.02  # of the widest extent of the points, in units of the box, below which they are a plane
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 
 
 def tracks(
     recording: Recording, body: Body, *, throughout: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stress-free positions, displacements, validity and time of the points ever seen.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stress-free positions, displacements, validity and time of the points ever seen, and which they are.
 
     Raises:
         ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
@@ -36,13 +37,13 @@ def tracks(
     if recording.frames < 8:
         raise ValueError(f"{recording.frames} frames: 8 or more are needed")
     flat = np.linalg.svd((X - X.mean(axis=0)) / (body.high - body.low), compute_uv=False)
-    if throughout and flat[-1] < 1e-3 * flat[0]:
+    if throughout and flat[-1] < FLAT * flat[0]:
         raise ValueError(
             "all points lie on one plane: motion inside the body needs points throughout it, or the"
             " face that each lies on (points/face), from which the inside is reconstructed"
         )
     u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
-    return X, u[:, seen], valid[:, seen], recording.time - recording.time[0]
+    return X, u[:, seen], valid[:, seen], recording.time - recording.time[0], seen
 
 
 def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:

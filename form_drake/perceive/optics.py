@@ -21,8 +21,9 @@ def looking(
     focus: float,
     size: tuple[int, int],
     distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    down: Sequence[float] = (0.0, 1.0, 0.0),
 ) -> Camera:
-    """A camera that sees a point in the middle of its pictures, the y axis of world downwards in them.
+    """A camera that sees a point in the middle of its pictures.
 
     Args:
         p_WC: where it is [m], shape [3].
@@ -30,14 +31,17 @@ def looking(
         focus: focal length [px].
         size: width and height [px].
         distortion: Brown-Conrady coefficients k1 k2 p1 p2 k3.
+        down: direction in world that is downwards in the pictures.
 
     Raises:
-        ValueError: it looks along the y axis of world.
+        ValueError: it looks along that direction.
     """
     z = np.asarray(p_WT, float) - p_WC
-    x = np.cross([0.0, 1.0, 0.0], z)
+    x = np.cross(np.asarray(down, float), z)
     if not np.linalg.norm(x) > STEP * np.linalg.norm(z):
-        raise ValueError(f"a camera that looks along {z.tolist()}: not along the y axis of world")
+        raise ValueError(
+            f"a camera that looks along {z.tolist()}: not along {list(down)}, its down"
+        )
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     X_WC = np.eye(4)
     X_WC[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)

@@ -13,6 +13,8 @@ from form_drake.records import Camera
 
 APART = 8.0  # pixels, by which a point may be off where the stated surface would have it
 TOGETHER = 0.5  # of them, in which points may differ: cameras that are a little off shift all alike
+CLEAR = 0.05  # the same, above which it is asked whether left is right
+LIKELIER = 0.5  # times the scatter, below which that is so
 DOUBT = "are left and right swapped, or the cameras calibrated otherwise?"
 
 
@@ -69,7 +71,8 @@ class Stereo:
             good = (
                 across.settled & (across.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
             )
-            _agreed(off[good])
+            turned = _across(right, left, at[inside], p_WQ[inside], normal_W[inside])[:, [0, 6]]
+            _agreed(off[good], (across.shift - turned)[good])
             found[inside] = np.where(good[:, None], at[inside] + across.shift, np.nan)
             matching[inside] = across.covariance
         chosen = np.isfinite(found[:, 0]) & _inside(right, found, half)
@@ -109,17 +112,25 @@ class Stereo:
         return triangulated(self.cameras, pixel, spread)
 
 
-def _agreed(off: np.ndarray) -> None:
+def _agreed(off: np.ndarray, turned: np.ndarray) -> None:
     """Refuse pictures in which the surface is bent, as it is where left is right.
+
+    Args:
+        off: how far points of the right picture are from where the stated surface has them [px].
+        turned: the same, were left right and right left.
 
     Raises:
         ValueError: see there.
     """
-    scatter = float(np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2))) if len(off) else 0.0
-    if scatter > TOGETHER:
+    if not len(off):
+        return
+    scatter, other = (
+        float(np.sqrt(np.mean((o - np.median(o, axis=0)) ** 2))) for o in (off, turned)
+    )
+    if scatter > TOGETHER or (scatter > CLEAR and other < LIKELIER * scatter):
         raise ValueError(
-            f"points of the left picture are found {scatter:.1f} px, not alike, from where the right"
-            f" camera would see the stated surface: {DOUBT}"
+            f"points of the left picture are found {scatter:.2g} px, not alike, from where the right"
+            f" camera would see the stated surface, and {other:.2g} px if left were right: {DOUBT}"
         )
 
 

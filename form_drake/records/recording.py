@@ -96,6 +96,8 @@ class Recording:
         face: face of the specimen that a point lies on, 0 to 5 for x- x+ y- y+ z- z+, -1 inside, shape
             [points].
         noise: standard deviation of one coordinate [m]; None: unknown.
+        covariance: of each point's coordinates where they are not alike, mean over the frames [m^2], shape
+            [points, 3, 3]; the root of the mean of its diagonals is the noise.
         p_reference: stress-free positions [m], shape [points, 3]; None: those of the first frame.
         v_0: velocities at the first frame [m/s], shape [points, 3].
         volume: reference volume of each point [m^3], shape [points].
@@ -126,6 +128,7 @@ class Recording:
     valid: np.ndarray | None = array("points/valid", "frames points", "-", kind="b")
     visible: np.ndarray | None = array("points/visible", "frames points", "-", kind="b")
     face: np.ndarray | None = array("points/face", "points", "-", kind="i")
+    covariance: np.ndarray | None = array("points/covariance", "points 3 3", "m^2")
     p_reference: np.ndarray | None = array("points/p_reference", "points 3", "m")
     v_0: np.ndarray | None = array("points/v_0", "points 3", "m/s")
     volume: np.ndarray | None = array("points/volume", "points", "m^3")
@@ -173,6 +176,8 @@ class Recording:
                 raise ValueError(f"{name}: must be positive and finite")
         if not 0 < self.mass_scale < np.inf:
             raise ValueError(f"mass_scale: must be positive and finite, got {self.mass_scale}")
+        if self.covariance is not None and not np.all(np.linalg.eigvalsh(self.covariance) > 0.0):
+            raise ValueError("points/covariance: every matrix must be positive definite")
         if self.noise is not None and not 0 <= self.noise < np.inf:
             raise ValueError(f"noise: must be finite and not negative, got {self.noise}")
         for name in [*self.poses, *self.forces, *self.cameras]:
@@ -229,6 +234,11 @@ class Recording:
     @property
     def frames(self) -> int:
         return len(self.time)
+
+    @property
+    def on_surface(self) -> bool:
+        """Whether all points are stated to lie on faces of the body."""
+        return self.face is not None and bool(np.all(self.face >= 0))
 
     @property
     def reference(self) -> np.ndarray:

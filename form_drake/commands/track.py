@@ -1,0 +1,75 @@
+"""``form-drake track``: from pictures of two cameras to a recording of a face's points."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from form_drake.commands.output import device, emit, out_file, say
+from form_drake.records import read, write_recording
+
+GAPS = 5  # that are told one by one
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track points of a specimen's face through the pictures of two cameras."""
+
+    images: tyro.conf.Positional[tuple[Path, ...]]
+    """Folders of pictures, or pictures, named CAMERA_NUMBER.png with the cameras' names."""
+    calibration: Path
+    """Rig (YAML): cameras, their rate, the specimen's box and the face that is seen."""
+    out: Path
+    """Recording to write (.h5)."""
+    probe: Path | None = None
+    """Recording of what was measured beside the pictures (poses, forces, law, contact); its clock is
+    that of frame 0 at its first stamp."""
+    device: str = "cpu"
+    """Warp device: cpu or cuda:0."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Track, complete with what the probe measured, and write the recording."""
+        from form_drake.perceive.pictures import Pictures
+        from form_drake.perceive.rig import Rig
+        from form_drake.perceive.seen import completed, tracked
+
+        device(self.device)
+        out = out_file(self.out, ".h5", ".hdf5")
+        rig = Rig.read(self.calibration)
+        beside = None if self.probe is None else read(self.probe)
+        pictures = Pictures.found(self.images, list(rig.cameras))
+        _tell(pictures.missing)
+        begin = 0.0 if beside is None else float(beside.time[0])
+        with tqdm(
+            total=len(pictures.frames), unit="frame", disable=None, delay=2, leave=False
+        ) as bar:
+            found = tracked(rig, pictures, begin, self.device, lambda *_: bar.update())
+        held = float(np.mean(found.valid)) if found.valid is not None else 1.0
+        made = found if beside is None else completed(found, beside)
+        write_recording(made, out)
+        result = {
+            "recording": str(out),
+            "frames": made.frames,
+            "points": made.points,
+            "held": held,
+            "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
+            "noise": made.noise,
+        }
+        text = (
+            f"{made.frames} frames of {made.points} points on face {rig.face}, {100.0 * held:.1f} % held,"
+            f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate"
+        )
+        emit(text, result, as_json=self.json)
+        say(f"written: {out}")
+
+
+def _tell(missing: dict[int, tuple[str, ...]]) -> None:
+    """Say which frames are left out, and why."""
+    for frame, cameras in list(missing.items())[:GAPS]:
+        say(f"frame {frame}: no picture of {' and '.join(cameras)}, left out")
+    if len(missing) > GAPS:
+        say(f"{len(missing) - GAPS} more frames are left out, to the last, {max(missing)}")

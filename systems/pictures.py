@@ -1,0 +1,137 @@
+"""Pictures of a simulated specimen, as two cameras beside the station take them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from form_drake.perceive.optics import looking
+from form_drake.perceive.render import Light, Renderer, Surface
+from form_drake.perceive.rig import FACES, Rig
+from form_drake.perceive.speckle import speckle
+from form_drake.records import Camera, Recording
+from form_drake.skin import Patch
+from form_drake.systems.scenario import Scenario, StereoPair
+from form_drake.systems.station import specimen_corners
+
+TEXELS = 6.0  # along a pixel
+CELL = 1.5  # pixels, as long as the sides of the quads that are rendered
+NAMES = ("left", "right")
+
+
+def rig_of(scenario: Scenario, rate: float) -> Rig:
+    """The calibrated cameras of a scenario, and the face that they see.
+
+    Raises:
+        ValueError: the scenario says of no face that it is seen.
+    """
+    view = scenario.stereo
+    if view.face not in FACES:
+        raise ValueError(
+            f"stereo.face {view.face!r} in scenario {scenario.name}: choose the face that is seen from"
+            f" {', '.join(FACES)}"
+        )
+    low, high = specimen_corners(scenario)
+    axis, side = "xyz".index(view.face[0]), view.face[1] == "+"
+    normal = np.eye(3)[axis] * (1.0 if side else -1.0)
+    middle = 0.5 * (low + high)
+    middle[axis] = (low, high)[side][axis]
+    aim = np.array(view.aim or middle, dtype=float)
+    right = np.cross(view.down, -normal)
+    cameras = {
+        name: looking(
+            aim + view.distance * normal + share * view.baseline * right,
+            aim,
+            view.focus,
+            (view.size[0], view.size[1]),
+            view.distortion,
+            view.down,
+        )
+        for name, share in zip(NAMES, (-0.5, 0.5), strict=True)
+    }
+    return Rig(cameras, rate, low, high, view.face, view.half, view.spacing)
+
+
+def seen_by_cameras(scenario: Scenario) -> Scenario:
+    """A scenario in which all particles are recorded at the cameras' rate, for pictures of them.
+
+    Raises:
+        ValueError: as of ``rig_of``.
+    """
+    rig_of(scenario, scenario.stereo.rate)
+    measure = replace(scenario.measure, points=0, noise=0.0, rate=scenario.stereo.rate)
+    return replace(scenario, measure=measure)
+
+
+def turned(camera: Camera, degrees: list[float]) -> Camera:
+    """A camera that is turned about its own axes."""
+    X_WC = camera.X_WC.copy()
+    X_WC[:3, :3] = X_WC[:3, :3] @ Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
+    return replace(camera, X_WC=X_WC)
+
+
+def write_pictures(
+    folder: Path,
+    scenario: Scenario,
+    rig: Rig,
+    particles: Recording,
+    device: str = "cpu",
+    progress: Callable[[], object] = lambda: None,
+) -> None:
+    """Write what both cameras see, as ``left_00000.png`` and so on.
+
+    Args:
+        folder: that exists.
+        scenario: of the specimen.
+        rig: its calibrated cameras.
+        particles: of the specimen, all of them.
+        device: Warp device.
+        progress: called after every frame.
+    """
+    view, rest = scenario.stereo, particles.reference
+    left, right = rig.cameras.values()
+    patch = Patch.of(rest, rig.low, rig.high, rig.face, CELL * rig.pixel)
+    rng = np.random.default_rng((view.seed, 0))
+    surface = _painted(patch, rig, view, rng)
+    renderer = Renderer([left, turned(right, view.turned_deg)], device)
+    last = max(particles.frames - 1, 1)
+    for n, p_WQ in enumerate(particles.p_WQ):
+        light = Light(view.noise, view.blur, 1.0 + view.drift * n / last)
+        moved = surface.moved(patch.points(p_WQ, rest))
+        for name, picture in zip(NAMES, renderer.pictures(moved), strict=True):
+            path = folder / f"{name}_{n:05d}.png"
+            if not cv2.imwrite(str(path), light.seen(picture, rng)):
+                raise ValueError(f"{path}: cannot be written")
+        progress()
+
+
+def _painted(patch: Patch, rig: Rig, view: StereoPair, rng: np.random.Generator) -> Surface:
+    """The patch with speckle on it."""
+    sides = [a for a in range(3) if a != rig.axis]
+    mark = (patch.X - rig.low)[:, sides] * TEXELS / rig.pixel
+    columns, rows = (int(np.ceil(size)) + 2 for size in mark.max(axis=0))
+    texture = speckle((rows, columns), view.speckle * TEXELS, rng)
+    return Surface.of(patch.X, patch.triangles, mark[patch.triangles], texture)
+
+
+def beside_pictures(particles: Recording, symmetry: str) -> Recording:
+    """What is measured beside the pictures: all of a recording but its points; one, the tool's origin.
+
+    Args:
+        particles: the recording.
+        symmetry: stated of the motion, or empty.
+    """
+    (tool,) = particles.poses
+    stream = particles.poses[tool]
+    nearest = np.abs(stream.time - particles.time[:, None]).argmin(axis=1)
+    geometry = {k: v for k, v in particles.geometry.items() if k not in ("low", "high")}
+    return replace(
+        particles,
+        p_WQ=stream.value[nearest][:, None, :3, 3],
+        p_reference=None,
+        noise=None,
+        geometry={**geometry, **({"symmetry": symmetry} if symmetry else {})},
+    )

@@ -1,0 +1,101 @@
+"""Pictures of a specimen whose motion is known, tracked by a process that sees nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from form_drake import Recording, Stream, identify, read
+from form_drake.commands.output import run_in
+from form_drake.commands.simulate import Simulate
+from form_drake.records import write_recording
+from form_drake.systems.pictures import beside_pictures, rig_of, seen_by_cameras, write_pictures
+from form_drake.systems.scenario import load_scenario
+from form_drake.systems.station import specimen_corners
+
+STRETCH = np.array([1.03, 1.03, 0.93])
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    small = ("stereo.size=[320, 240]", "stereo.focus=2000", "specimen.material.tau_y=1e3")
+    return seen_by_cameras(load_scenario("press", small))
+
+
+def particles(scenario):
+    """Particles of a block that is stretched about its middle, as a simulation would record them."""
+    low, high = specimen_corners(scenario)
+    axes = [np.arange(a + 6e-4, z, 1.2e-3) for a, z in zip(low, high, strict=True)]
+    rest = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    middle = 0.5 * (low + high)
+    share = np.linspace(0.0, 1.0, FRAMES)[:, None, None]
+    pose = np.tile(np.eye(4), (50, 1, 1))
+    clock = np.linspace(1.0, 1.1, 50)
+    return Recording.from_arrays(
+        1.0 + np.arange(FRAMES) / 30.0,
+        rest + share * (rest - middle) * (STRETCH - 1.0),
+        p_reference=rest,
+        density=1000.0,
+        law="von-mises",
+        geometry={"shape": "box", "low": "0 0 0", "high": "1 1 1"},
+        poses={"press_plate": Stream(clock, pose)},
+        forces={"press_plate": Stream(clock, np.zeros((50, 3)))},
+        contact={"z+": "frictionless press_plate", "other": "free"},
+    )
+
+
+def test_pictures_alone_give_the_motion(scenario, tmp_path):
+    made = particles(scenario)
+    rig = rig_of(scenario, 30.0)
+    (tmp_path / "pictures").mkdir()
+    rig.write(tmp_path / "rig.yaml")
+    probe = beside_pictures(made, scenario.stereo.symmetry)
+    assert probe.points == 1 and probe.p_reference is None
+    write_recording(probe, tmp_path / "probe.h5")
+    write_pictures(tmp_path / "pictures", scenario, rig, made)
+    words = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5", "--out", "tracks.h5")
+    run_in(tmp_path, "track", *words)
+    found = read(tmp_path / "tracks.h5")
+    assert found.on_surface and found.valid is not None and found.valid.mean() > 0.98
+    assert found.geometry["symmetry"] == "x y xy" and found.covariance is not None
+    assert np.allclose(found.time, made.time)
+    low, high = specimen_corners(scenario)
+    middle, first = 0.5 * (low + high), found.p_WQ[0]
+    wanted = first + (first - middle) * (STRETCH - 1.0)
+    off = (found.p_WQ[-1] - wanted)[found.valid[-1]]
+    assert np.abs(first[:, 0] - high[0]).max() < 5e-5
+    across, depth = np.sqrt(np.mean(off[:, 1:] ** 2)), np.sqrt(np.mean(off[:, 0] ** 2))
+    assert across < 2e-6 and depth < 1e-5  # twice as far a pixel as with the scenario's own cameras
+    # on average, what the covariance says
+    spread = np.sqrt(np.mean(np.diagonal(found.covariance, axis1=1, axis2=2), axis=0))
+    assert spread[0] > 2.0 * spread[1] and 0.3 * depth < spread[0] < 3.0 * depth
+    with pytest.raises(ValueError, match="4 frames"):
+        identify(found)
+
+
+def test_a_scenario_that_no_camera_sees_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"stereo\.face"):
+        Simulate("press_a", ("stereo.face=top",), perception="stereo", out=tmp_path / "o").run()
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_process_that_fails_says_why_in_a_line(tmp_path):
+    with pytest.raises(ValueError, match=r"rig\.yaml: no such file") as told:
+        run_in(tmp_path, "track", "pictures", "--calibration", "rig.yaml", "--out", "tracks.h5")
+    assert "\n" not in str(told.value)
+
+
+def test_the_right_camera_may_be_turned_from_its_calibration(scenario, tmp_path):
+    turned = replace(scenario, stereo=replace(scenario.stereo, turned_deg=[0.0, 0.5, 0.0]))
+    made = replace(particles(scenario))
+    rig = rig_of(turned, 30.0)
+    plain, other = tmp_path / "a", tmp_path / "b"
+    for folder, own in ((plain, scenario), (other, turned)):
+        folder.mkdir()
+        write_pictures(folder, own, rig, replace(made, time=made.time[:1], p_WQ=made.p_WQ[:1]))
+    same, moved = (
+        (plain / n).read_bytes() == (other / n).read_bytes()
+        for n in ("left_00000.png", "right_00000.png")
+    )
+    assert same and not moved

@@ -1,0 +1,193 @@
+"""``form-drake track``: pictures in files, in any order and with gaps, become a recording."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from form_drake import read
+from form_drake.commands.track import Track
+from form_drake.perceive.optics import looking
+from form_drake.perceive.pictures import Pictures
+from form_drake.perceive.render import Light, Renderer, Surface
+from form_drake.perceive.rig import Rig
+from form_drake.perceive.speckle import speckle
+from form_drake.records import write_recording
+from form_drake.records.recording import Recording, Stream
+
+LOW, HIGH = np.array([-0.010, -0.008, 0.0]), np.array([0.010, 0.008, 0.005])
+FOCUS, FAR, SIZE, FRAMES, GAP = 3000.0, 0.3, (320, 240), 6, 3
+SHIFT = np.array([2e-4, -1e-4, 1e-4])  # from one frame to the next
+
+
+cv2 = pytest.importorskip("cv2")
+
+
+def cameras(turned=0.0):
+    return {
+        name: looking(np.array([x, 0.0, 0.305]), np.array([turned, 0.0, 0.005]), FOCUS, SIZE)
+        for name, x in (("left", 0.04), ("right", -0.04))
+    }
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """A folder with pictures of a block's upper face, which is shifted, and its rig; one is missing."""
+    folder = tmp_path_factory.mktemp("seen")
+    rig = Rig(cameras(), 50.0, LOW, HIGH, "z+")
+    rig.write(folder / "rig.yaml")
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * HIGH[:2]
+    plate = np.column_stack([corners, np.full(4, HIGH[2])])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    texels = 6.0 * FOCUS / FAR
+    rows, columns = (int(2 * h * texels) + 1 for h in HIGH[1::-1])
+    texture = speckle((rows, columns), 1.65 * 6, np.random.default_rng(0))
+    surface = Surface.of(plate, triangles, ((corners + HIGH[:2]) * texels)[triangles], texture)
+    renderer, rng = Renderer(list(rig.cameras.values())), np.random.default_rng(1)
+    pictures = folder / "pictures"
+    pictures.mkdir()
+    for n in range(FRAMES):
+        for name, picture in zip(
+            rig.cameras, renderer.pictures(surface.moved(plate + n * SHIFT)), strict=True
+        ):
+            if (n, name) != (GAP, "right"):
+                cv2.imwrite(str(pictures / f"{name}_{n:04d}.png"), Light().seen(picture, rng))
+    return folder
+
+
+def run(*words):
+    command = [sys.executable, "-m", "form_drake", "track", *map(str, words)]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
+
+
+def test_pictures_become_a_recording(seen, tmp_path):
+    force = Stream(np.linspace(2.0, 3.0, 30), np.zeros((30, 3)))
+    probe = Recording.from_arrays(
+        np.array([2.0, 2.1]),
+        np.zeros((2, 1, 3)),
+        density=900.0,
+        law="fixed-corotated",
+        forces={"plate": force},
+        contact={"z-": "bonded plate", "other": "free"},
+    )
+    write_recording(probe, tmp_path / "probe.h5")
+    out = tmp_path / "tracks.h5"
+    done = run(
+        seen / "pictures",
+        "--calibration",
+        seen / "rig.yaml",
+        "--probe",
+        tmp_path / "probe.h5",
+        "--out",
+        out,
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"frame {GAP}: no picture of right, left out" in done.stderr
+    made = read(out)
+    assert made.frames == FRAMES - 1 and made.density == 900.0 and set(made.forces) == {"plate"}
+    frames = np.array([n for n in range(FRAMES) if n != GAP])
+    assert np.allclose(made.time, 2.0 + frames / 50.0)
+    assert made.face is not None and np.all(made.face == 5) and made.points > 90
+    assert made.valid is not None and made.valid.mean() > 0.95
+    held = made.valid.all(axis=0)
+    moved = made.p_WQ[:, held] - made.p_WQ[:1, held]
+    off = moved - (frames[:, None] * SHIFT)[:, None]
+    assert np.sqrt(np.mean(off[1:] ** 2)) < 4e-6
+    assert np.sqrt(np.mean(off[1:] ** 2)) < 3.0 * made.noise < 1e-5
+
+
+def test_a_rig_comes_back_as_it_was_written(seen):
+    rig = Rig.read(seen / "rig.yaml")
+    for name, camera in cameras().items():
+        assert np.array_equal(rig.cameras[name].K, camera.K)
+        assert np.allclose(rig.cameras[name].X_WC, camera.X_WC, atol=1e-15)
+    assert rig.face == "z+" and rig.rate == 50.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("form_drake_rig: 1", "no entry cameras"),
+        ("left: 1", "unknown entry left"),
+        ("rate: 0", "frames a second"),
+        ("rate: .nan", "finite number"),
+        ("face: front", "choose from"),
+        ("high: [0, 0]", "3 finite numbers"),
+        ("cameras: [1, 2]", "a mapping of names"),
+        ("half: 1", "3 to 100 pixels"),
+    ],
+)
+def test_bad_rigs_are_one_line(seen, tmp_path, text, words):
+    path, lines = tmp_path / "rig.yaml", (seen / "rig.yaml").read_text()
+    key = text.split(":")[0]
+    if key == "form_drake_rig":
+        path.write_text(text)
+    else:
+        path.write_text(yaml.safe_dump({**yaml.safe_load(lines), **yaml.safe_load(text)}))
+    with pytest.raises(ValueError, match=words) as told:
+        Rig.read(path)
+    assert "\n" not in str(told.value)
+
+
+def test_cameras_that_are_none_are_refused(seen):
+    rig = Rig.read(seen / "rig.yaml")
+    left = rig.cameras["left"]
+    bent = replace(left, X_WC=left.X_WC * [[1.1], [1], [1], [1]])
+    rig_of = replace(rig, cameras={**rig.cameras, "left": bent})
+    path = seen / "bent.yaml"
+    rig_of.write(path)
+    with pytest.raises(ValueError, match="camera left: X_WC is no pose"):
+        Rig.read(path)
+    with pytest.raises(ValueError, match="two are wanted"):
+        replace(rig, cameras={"left": left})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("swapped", "swapped"),
+        ("plain", "has no texture"),
+        ("bright", "change the exposure"),
+        ("size", "calibrated are 320 x 240"),
+        ("text", "not a picture"),
+        ("name", "CAMERA_NUMBER"),
+        ("stops", "seen by all cameras"),
+    ],
+)
+def test_bad_pictures_are_one_line(seen, tmp_path, change, words):
+    rig = Rig.read(seen / "rig.yaml")
+    for path in sorted((seen / "pictures").iterdir()):
+        picture, name = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), path.name
+        if change == "swapped":
+            name = name.replace("left", "l").replace("right", "left").replace("l_", "right_")
+        picture = {
+            "plain": np.full_like(picture, 90),
+            "bright": np.full_like(picture, 255),
+            "size": picture[::2],
+        }.get(change, picture)
+        if change == "name":
+            name = name.replace("left", "middle")
+        if change == "stops" and name.startswith("right") and not name.endswith("0000.png"):
+            continue
+        cv2.imwrite(str(tmp_path / name), picture)
+    if change == "text":
+        (tmp_path / "left_0002.png").write_text("no picture")
+    rig.write(tmp_path / "rig.yaml")
+    out = tmp_path / "tracks.h5"
+    with pytest.raises(ValueError, match=words) as told:
+        Track((tmp_path,), tmp_path / "rig.yaml", out).run()
+    assert "\n" not in str(told.value)
+    assert not out.exists()
+
+
+def test_frames_are_brought_together_in_any_order(seen):
+    names = ["left", "right"]
+    files = sorted((seen / "pictures").iterdir(), reverse=True)
+    found = Pictures.found(files, names)
+    assert found.frames == tuple(n for n in range(FRAMES) if n != GAP)
+    assert found.missing == {GAP: ("right",)}
+    with pytest.raises(ValueError, match="both frame"):
+        Pictures.found([*files, files[0]], names)
