@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -91,6 +90,8 @@ def write_pictures(
         device: Warp device.
         progress: called after every frame.
     """
+    import cv2
+
     view, rest = scenario.stereo, particles.reference
     left, right = rig.cameras.values()
     patch = Patch.of(rest, rig.low, rig.high, rig.face, CELL * rig.pixel)
