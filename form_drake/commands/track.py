@@ -24,8 +24,8 @@ class Track:
     out: Path
     """Recording to write (.h5)."""
     probe: Path | None = None
-    """Recording of what was measured beside the pictures (poses, forces, law, contact); its clock is
-    that of frame 0 at its first stamp."""
+    """Recording of what was measured beside the pictures (poses, forces, law, contact); frame 0 is at
+    its first stamp."""
     device: str = "cpu"
     """Warp device: cpu or cuda:0."""
     json: bool = False

@@ -20,9 +20,7 @@ from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
 
 LOOKS = 12  # frames that stand for all, where not each is needed
-SLIDES = (
-    1.1  # times the squared error of one that slides, up to which a bonded face is said to stick
-)
+SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
@@ -131,11 +129,8 @@ def _sticks(statics: Statics, seen: _Seen, held: list[Grip]) -> bool:
     if not any(grip.face.condition == "bonded" for grip in held):
         return False
     size = np.linalg.norm(seen.u, axis=(1, 2))
-    most = int(size.argmax())
-    looks = np.unique(
-        np.searchsorted(size[: most + 1], np.linspace(0.0, size[most], LOOKS + 1)[1:])
-    )
-    looks = np.unique(np.minimum.accumulate(looks[::-1])[::-1])
+    steps = np.linspace(0.0, size.max(), LOOKS + 1)[1:]
+    looks = np.unique([int(np.argmax(size >= step)) for step in steps])  # the way to the largest
     few = replace(seen, u=seen.u[looks], valid=seen.valid[looks])
     own = [
         Grip(g.face, None if g.moved is None else g.moved[looks], g.presses[looks]) for g in held
