@@ -174,6 +174,8 @@ def test_one_face_of_a_bent_strip_gives_its_stiffness(tmp_path):
     assert answer.details["passes_inside"] > 1
     with pytest.raises(ValueError, match="twin"):
         identify(made, method="weak", twin=lambda values: made)
+    with pytest.raises(ValueError, match=r"y- is seen and y\+ is not"):
+        identify(replace(made, geometry={**made.geometry, "symmetry": ""}))
     with pytest.raises(ValueError, match="points/face"):
         identify(replace(made, face=None))
 

@@ -43,8 +43,9 @@ def fit_surface(
     X, u, valid, time, used = tracks(recording, body, throughout=False)
     stated = recording.noise
     noise = noise_of(recording.time, u, valid) if stated is None else stated
-    words = recording.geometry.get("symmetry", "") if symmetric else ""
-    symmetry = Symmetry.stated(words)
+    stated_symmetry = Symmetry.stated(recording.geometry.get("symmetry", ""))
+    _covered(recording, stated_symmetry)
+    symmetry = stated_symmetry if symmetric else Symmetry()
     u = centred(symmetry, body, X, u)
     root = alike(recording, used, noise)
     space, held_out = chosen_cells(X, u, valid, root, body, noise, symmetry)
@@ -56,6 +57,18 @@ def fit_surface(
     if recording.p_reference is None and resistance.weighs and gravity.any():
         seen = _sunk(statics, seen, held, sticks)
     return _fit(statics, seen, time, noise, _frames(statics, seen, held, sticks))
+
+
+def _covered(recording: Recording, symmetry: Symmetry) -> None:
+    """Refuse a body of which one side is never seen, and not stated to be as the other."""
+    seen = set() if recording.face is None else {int(f) for f in recording.face}
+    for face in sorted(seen):
+        if face // 2 not in symmetry.mirrors and face ^ 1 not in seen:
+            axis = "xyz"[face // 2]
+            raise ValueError(
+                f"face {axis}{'-+'[face % 2]} is seen and {axis}{'+-'[face % 2]} is not: track that as well,"
+                f' or state in the geometry that the motion is mirrored, as "symmetry": "{axis}"'
+            )
 
 
 @dataclass(frozen=True)
