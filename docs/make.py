@@ -86,6 +86,9 @@ API = {
         "form_drake.mpm.exchange.Snapshot",
     ),
     "Perception": (
+        "form_drake.perceive.seen.tracked",
+        "form_drake.perceive.pictures.Pictures",
+        "form_drake.perceive.rig.Rig",
         "form_drake.perceive.speckle.speckle",
         "form_drake.perceive.track.Tracker",
         "form_drake.perceive.track.Points",
@@ -102,6 +105,10 @@ API = {
         "form_drake.perceive.render.Surface",
         "form_drake.perceive.render.Light",
         "form_drake.perceive.render.Renderer",
+    ),
+    "The inside behind a surface": (
+        "form_drake.interior.Seen",
+        "form_drake.interior.Resistance",
     ),
     "Effects": (
         "form_drake.effects.Effect",

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from form_drake.motion.body import Face
 from form_drake.mpm.exchange import Snapshot
 
 NEIGHBOURS = 27  # particles that carry a point of the skin
@@ -147,7 +148,7 @@ class Patch:
 
     @classmethod
     def of(
-        cls, rest: np.ndarray, low: np.ndarray, high: np.ndarray, face: str, cell: float
+        cls, rest: np.ndarray, low: np.ndarray, high: np.ndarray, face: Face, cell: float
     ) -> "Patch":
         """A face of a box.
 
@@ -158,25 +159,22 @@ class Patch:
             rest: particles free of stress on a lattice along the axes [m], shape [particles, 3].
             low: lower corner of the box [m], shape [3].
             high: upper corner [m], shape [3].
-            face: such as ``x+``.
+            face: which one.
             cell: longest side of a quad [m].
 
         Raises:
             ValueError: the particles stand on no lattice.
         """
-        axis, side = "xyz".index(face[0]), face[1] == "+"
         sides = [
             np.linspace(low[a], high[a], 1 + int(np.ceil((high[a] - low[a]) / cell)))
             for a in range(3)
         ]
-        sides[axis] = np.array([(low, high)[side][axis]])
-        b, c = (a for a in range(3) if a != axis)
+        sides[face.axis] = face.middle(low, high)[[face.axis]]
+        b, c = (a for a in range(3) if a != face.axis)
         X = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
         index = np.arange(len(X)).reshape(len(sides[b]), len(sides[c]))
         quad = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
-        if side != (
-            axis != 1
-        ):  # the other two axes turn about x and z as they stand, about y against it
+        if face.side == (face.axis == 1):  # y turns z to x, not x to z
             quad.reverse()
         p, q, r, s = (corner.ravel() for corner in quad)
         triangles = np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])

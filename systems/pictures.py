@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from form_drake.motion.body import Face
 from form_drake.perceive.optics import looking
 from form_drake.perceive.render import Light, Renderer, Surface
-from form_drake.perceive.rig import FACES, Rig
+from form_drake.perceive.rig import Rig
 from form_drake.perceive.speckle import speckle
 from form_drake.records import Camera, Recording
 from form_drake.skin import Patch
@@ -28,21 +29,16 @@ def rig_of(scenario: Scenario, rate: float) -> Rig:
         ValueError: the scenario says of no face that it is seen.
     """
     view = scenario.stereo
-    if view.face not in FACES:
-        raise ValueError(
-            f"stereo.face {view.face!r} in scenario {scenario.name}: choose the face that is seen from"
-            f" {', '.join(FACES)}"
-        )
+    try:
+        face = Face.named(view.face)
+    except ValueError as error:
+        raise ValueError(f"stereo.face in scenario {scenario.name}: {error}") from None
     low, high = specimen_corners(scenario)
-    axis, side = "xyz".index(view.face[0]), view.face[1] == "+"
-    normal = np.eye(3)[axis] * (1.0 if side else -1.0)
-    middle = 0.5 * (low + high)
-    middle[axis] = (low, high)[side][axis]
-    aim = np.array(view.aim or middle, dtype=float)
-    right = np.cross(view.down, -normal)
+    aim = np.array(view.aim or face.middle(low, high), dtype=float)
+    right = np.cross(view.down, -face.normal)
     cameras = {
         name: looking(
-            aim + view.distance * normal + share * view.baseline * right,
+            aim + view.distance * face.normal + share * view.baseline * right,
             aim,
             view.focus,
             (view.size[0], view.size[1]),
@@ -51,7 +47,7 @@ def rig_of(scenario: Scenario, rate: float) -> Rig:
         )
         for name, share in zip(NAMES, (-0.5, 0.5), strict=True)
     }
-    return Rig(cameras, rate, low, high, view.face, view.half, view.spacing)
+    return Rig(cameras, rate, low, high, face, view.half, view.spacing)
 
 
 def seen_by_cameras(scenario: Scenario) -> Scenario:
@@ -111,7 +107,7 @@ def write_pictures(
 
 def _painted(patch: Patch, rig: Rig, view: StereoPair, rng: np.random.Generator) -> Surface:
     """The patch with speckle on it."""
-    sides = [a for a in range(3) if a != rig.axis]
+    sides = [a for a in range(3) if a != rig.face.axis]
     mark = (patch.X - rig.low)[:, sides] * TEXELS / rig.pixel
     columns, rows = (int(np.ceil(size)) + 2 for size in mark.max(axis=0))
     texture = speckle((rows, columns), view.speckle * TEXELS, rng)

@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSyst
 from pydrake.systems.primitives import Demultiplexer
 
 from form_drake.material import Material
-from form_drake.motion.body import FACES
+from form_drake.motion.body import Face
 from form_drake.mpm.exchange import region_around
 from form_drake.systems.arm import add_package, arm_joints, exclude_held_tool, scoped_frame
 from form_drake.systems.force import Sensor, ToolForce
@@ -157,8 +157,8 @@ def _soft(
     corners = specimen_corners(scenario)
     halfway = {}
     for face in specimen.clamped:
-        axis, side = divmod(FACES.index(face), 2)
-        halfway[axis] = float(corners[side, axis])
+        at = Face.named(face)
+        halfway[at.axis] = float(corners[at.side, at.axis])
     size, p_WM = np.array(specimen.size), np.array(specimen.p_WM)
     whole = np.stack([p_WM - size / 2, p_WM + size / 2])
     return AddMaterial(
@@ -190,10 +190,11 @@ def specimen_corners(scenario: Scenario) -> np.ndarray:
     size, p_WM = np.array(specimen.size), np.array(specimen.p_WM)
     corners = np.stack([p_WM - size / 2, p_WM + size / 2])
     for face, length in specimen.clamped.items():
-        if face not in FACES:
-            raise ValueError(f"specimen.clamped: no face {face!r}; allowed are {', '.join(FACES)}")
-        axis, side = divmod(FACES.index(face), 2)
-        corners[side, axis] += (1 - 2 * side) * length
+        try:
+            at = Face.named(face)
+        except ValueError as error:
+            raise ValueError(f"specimen.clamped: {error}") from None
+        corners[at.side, at.axis] += (1 - 2 * at.side) * length
     if np.any(corners[1] <= corners[0]):
         raise ValueError(f"specimen.clamped: {specimen.clamped} m leave nothing of {size} m free")
     return corners

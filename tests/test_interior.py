@@ -1,23 +1,21 @@
 """The inside of bodies of which one face is seen: closed forms, and motions of finite elements."""
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from form_drake import Recording, Stream, identify
-from form_drake.interior import Resistance, fit_surface
-from form_drake.interior.resistance import Memory
+from form_drake.bench.oracles import recorded, run
+from form_drake.files import read_mapping
+from form_drake.interior import Resistance, Seen
+from form_drake.interior.resistance import Past
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.motion import Sampling, body
+from form_drake.motion.body import FACES
 from form_drake.motion.space import Symmetry
 
-ORACLES = Path(__file__).parent / "oracles"
 LOW, HIGH = np.array([-0.015, -0.015, 0.0]), np.array([0.015, 0.015, 0.025])
 POISSON, NOISE = 0.3, 1e-6
 
@@ -70,8 +68,8 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     law = law_named("von-mises")
     mu, lame = 1.0 / (2.0 * (1.0 + POISSON)), POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     material = Material(law, {"mu": 1e4 * mu, "lam": 1e4 * lame, "tau_y": 1e9})
-    shape, resistance = body(made), Resistance.of(material)
-    fit = fit_surface(made, shape, resistance)
+    resistance = Resistance.of(material)
+    fit = Seen.of(made, body(made)).fit(resistance)
     inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     wanted = np.stack([inside + stretched(inside, f) for f in lam])
@@ -98,7 +96,7 @@ def test_a_body_that_sags_is_found_free_of_stress():
     )
     values = {"mu": E / 2.6, "lam": E * 0.3 / (1.3 * 0.4)}
     resistance = Resistance.of(Material(law_named("fixed-corotated"), values))
-    fit = fit_surface(made, body(made), resistance)
+    fit = Seen.of(made, body(made)).fit(resistance)
     motion = Sampling.of(fit, np.array([0.5]), X, np.ones(len(X)), 1.0).motion(fit.c)
     size = np.abs(sag).max()
     off = motion.x[0] - first  # no frame shows it
@@ -109,7 +107,7 @@ def test_the_slope_of_a_stress_is_its_derivative_and_turning_stresses_nothing():
     rng = np.random.default_rng(0)
     law = law_named("von-mises")
     resistance = Resistance.of(Material(law, {"mu": 2e4, "lam": 3e4, "tau_y": 400.0}))
-    past = Memory.none(5)
+    past = Past.none(5)
     F = np.eye(3) + 0.03 * rng.standard_normal((5, 3, 3))
     push = 1e-5 * rng.standard_normal((5, 3, 3))
     _, slope, elastic = resistance.answer(F, past)
@@ -130,34 +128,23 @@ def test_symmetries_are_stated_in_words_that_make_sense(words):
 
 def seen(folder, case, face, box, symmetry, contact, stride, noise=3e-6):
     """A face of a finite element motion, seen with noise, and the truth."""
-    name = ("x-", "x+", "y-", "y+", "z-", "z+")[face]
-    command = [sys.executable, str(ORACLES / "finite_elements.py"), case, "--mesh", "coarse"]
     hangs = case.startswith("bend")  # at rest at first, under its weight, which no frame shows
-    command += ["--face", name, "--out", str(folder), *["--gravity"] * hangs]
-    subprocess.run(command, check=True, timeout=300)
-    a, truth = (
-        np.load(folder / f"{case}.npz"),
-        json.loads((folder / f"{case}.truth.json").read_text()),
-    )
-    tool = "pusher" if case.startswith("bend") else "plate"
-    X = a["p_reference"]
-    own = X[:, 2] < box[1][2]
-    p_WQ = a["p_WQ"][::stride][:, own]
-    p_WQ = p_WQ + noise * np.random.default_rng(0).standard_normal(p_WQ.shape)
+    words = ["--mesh", "coarse", "--face", FACES[face], *["--gravity"] * hangs]
+    run("finite_elements.py", case, *words, "--out", folder)
+    every, truth = recorded(folder / case), read_mapping(folder / f"{case}.truth.json")
+    own = every.p_reference[:, 2] < box[1][2]
+    p_WQ = every.p_WQ[::stride][:, own]
     low, high = (" ".join(map(str, corner)) for corner in box)
-    made = Recording.from_arrays(
-        a["time"][::stride],
-        p_WQ,
-        p_reference=None if hangs else X[own],
+    made = replace(
+        every,
+        time=every.time[::stride],
+        p_WQ=p_WQ + noise * np.random.default_rng(0).standard_normal(p_WQ.shape),
+        p_reference=None if hangs else every.p_reference[own],
         face=np.full(int(own.sum()), face),
         noise=noise,
-        gravity=a["gravity"],
-        density=float(a["density"]),
         geometry={"shape": "box", "low": low, "high": high, "symmetry": symmetry},
         contact={**contact, "other": "free"},
-        poses={tool: Stream(a[f"pose_{tool}_time"], a[f"pose_{tool}_value"])},
-        forces={tool: Stream(a[f"force_{tool}_time"], a[f"force_{tool}_value"])},
-        law="fixed-corotated" if tool == "pusher" else "von-mises",
+        poses={k: v for k, v in every.poses.items() if k in every.forces},
         known={"nu": truth["nu"]},
     )
     return made, truth
@@ -178,6 +165,8 @@ def test_one_face_of_a_bent_strip_gives_its_stiffness(tmp_path):
         identify(replace(made, geometry={**made.geometry, "symmetry": ""}))
     with pytest.raises(ValueError, match="points/face"):
         identify(replace(made, face=None))
+    with pytest.raises(ValueError, match="newtonian does not resist shear at rest"):
+        identify(replace(made, known={}), "newtonian")
 
 
 def test_one_face_of_a_pressed_block_gives_stiffness_and_yield(tmp_path):

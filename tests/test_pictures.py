@@ -77,6 +77,8 @@ def test_pictures_alone_give_the_motion(scenario, tmp_path):
 def test_a_scenario_that_no_camera_sees_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"stereo\.face"):
         Simulate("press_a", ("stereo.face=top",), perception="stereo", out=tmp_path / "o").run()
+    with pytest.raises(ValueError, match="cameras do not see"):
+        Simulate("press_a", perception="stereo", answers=0.2, out=tmp_path / "o").run()
     assert not (tmp_path / "o").exists()
 
 

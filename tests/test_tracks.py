@@ -10,6 +10,7 @@ import yaml
 
 from form_drake import read
 from form_drake.commands.track import Track
+from form_drake.motion.body import Face
 from form_drake.perceive.optics import looking
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.render import Light, Renderer, Surface
@@ -37,7 +38,7 @@ def cameras(turned=0.0):
 def seen(tmp_path_factory):
     """A folder with pictures of a block's upper face, which is shifted, and its rig; one is missing."""
     folder = tmp_path_factory.mktemp("seen")
-    rig = Rig(cameras(), 50.0, LOW, HIGH, "z+")
+    rig = Rig(cameras(), 50.0, LOW, HIGH, Face.named("z+"))
     rig.write(folder / "rig.yaml")
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * HIGH[:2]
     plate = np.column_stack([corners, np.full(4, HIGH[2])])
@@ -104,7 +105,7 @@ def test_a_rig_comes_back_as_it_was_written(seen):
     for name, camera in cameras().items():
         assert np.array_equal(rig.cameras[name].K, camera.K)
         assert np.allclose(rig.cameras[name].X_WC, camera.X_WC, atol=1e-15)
-    assert rig.face == "z+" and rig.rate == 50.0
+    assert rig.face.name == "z+" and rig.rate == 50.0
 
 
 @pytest.mark.parametrize(
@@ -114,10 +115,11 @@ def test_a_rig_comes_back_as_it_was_written(seen):
         ("left: 1", "unknown entry left"),
         ("rate: 0", "frames a second"),
         ("rate: .nan", "finite number"),
-        ("face: front", "choose from"),
+        ("face: front", "no face .front.; allowed are x-"),
         ("high: [0, 0]", "3 finite numbers"),
         ("cameras: [1, 2]", "a mapping of names"),
         ("half: 1", "3 to 100 pixels"),
+        ("half: 8.5", "half: a whole number"),
     ],
 )
 def test_bad_rigs_are_one_line(seen, tmp_path, text, words):

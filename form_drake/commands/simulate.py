@@ -58,6 +58,8 @@ class Simulate:
         device(self.device)
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
+        if self.answers is not None and self.perception is not None:
+            raise ValueError("--answers reads the simulator's particles, which cameras do not see")
         changes = (*self.set, f"solver.device={self.device}")
         scenario = load_scenario(self.scenario, changes)
         if self.graphviz is not None:

@@ -60,7 +60,7 @@ class Track:
             "noise": made.noise,
         }
         text = (
-            f"{made.frames} frames of {made.points} points on face {rig.face}, {100.0 * held:.1f} % held,"
+            f"{made.frames} frames of {made.points} points on face {rig.face.name}, {100.0 * held:.1f} % held,"
             f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate"
         )
         emit(text, result, as_json=self.json)

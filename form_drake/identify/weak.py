@@ -30,8 +30,8 @@ from form_drake.weak.solve import (
     Solution,
     Weights,
     balanced,
-    carried,
     ordinary,
+    passed_on,
     solved,
     totals,
     weights,
@@ -71,6 +71,7 @@ def identify_weak(
             )
         return balanced_inside(
             recordings,
+            law,
             known,
             lambda given, read: estimated(weighed(given, law, known, each, read), each[0]),
         )
@@ -209,7 +210,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         free = ordinary(J, target, totals(noise, system.scale, by.error))
         by = equal
     if any(p.fit.doubt for p in problem.probes):
-        unseen = carried(J, by, problem.doubt(eta, theta))
+        unseen = passed_on(J, by, problem.doubt(eta, theta))
         free = replace(free, covariance=free.covariance + unseen)
     phi = solution.theta
     refuse(problem, system, phi, free)

@@ -1,7 +1,7 @@
 """What rigid tools and supports say of the faces that they hold."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ PRESSED = 0.01  # of the largest force, above which a tool presses
 
 
 @dataclass(frozen=True)
-class Grip:
+class Hold:
     """A face and the tool that holds it, in every frame.
 
     Attributes:
@@ -29,6 +29,11 @@ class Grip:
     face: Face
     moved: np.ndarray | None
     presses: np.ndarray
+
+    def at(self, frames: np.ndarray) -> "Hold":
+        """In some of the frames, by their indices."""
+        moved = None if self.moved is None else self.moved[frames]
+        return replace(self, moved=moved, presses=self.presses[frames])
 
     def rows(self, statics: Statics, sticks: bool) -> Callable[[int], Rows]:
         """Rows of the coefficients in a frame.
@@ -50,7 +55,7 @@ class Grip:
             targets = np.zeros((len(self.presses), len(flat)))
         else:
             targets = self.moved[..., axes].reshape(len(self.moved), -1)
-        whole, none = Rows.of(flat, targets[0], EXACT).normal, Rows.none(flat.shape[1])
+        whole, none = flat.T @ flat / EXACT**2, Rows.none(flat.shape[1])
         return lambda n: Rows(whole, flat.T @ targets[n] / EXACT**2) if self.presses[n] else none
 
 
@@ -60,18 +65,18 @@ def _rigid(X: np.ndarray) -> np.ndarray:
     return np.concatenate([np.tile(np.eye(3), (len(X), 1, 1)), turned / np.ptp(X)], axis=2)
 
 
-def grips(recording: Recording, body: Body) -> list[Grip]:
+def holds(recording: Recording, body: Body) -> list[Hold]:
     """The faces that tools and supports hold: bonded ones, and those that slide on a plane."""
     found = []
     for face in body.faces:
         if face.condition not in ("bonded", "frictionless"):
             continue
         if face.tool in recording.forces:
-            found.append(Grip(face, None, pressed(recording, face.tool)))
+            found.append(Hold(face, None, pressed(recording, face.tool)))
         else:
             X = body.face_points(face, POINTS)
             always = np.ones(recording.frames, dtype=bool)
-            found.append(Grip(face, carried(recording, face.tool, X), always))
+            found.append(Hold(face, carried(recording, face.tool, X), always))
     return found
 
 

@@ -20,7 +20,7 @@ def chosen_cells(
     X: np.ndarray,
     u: np.ndarray,
     valid: np.ndarray,
-    root: np.ndarray,
+    whitening: np.ndarray,
     body: Body,
     noise: float,
     symmetry: Symmetry,
@@ -33,7 +33,7 @@ def chosen_cells(
         X: points of the surface [m], shape [points, 3].
         u: their displacements [m], shape [frames, points, 3].
         valid: which are seen, shape [frames, points].
-        root: that makes their errors alike, see ``alike``, shape [points, 3, 3].
+        whitening: makes their errors alike, see ``Seen``, shape [points, 3, 3].
         body: the box.
         noise: standard deviation of a coordinate [m].
         symmetry: of the motion.
@@ -51,11 +51,11 @@ def chosen_cells(
         if tried and space.size > MOST:
             break
         if not tried or space.size > tried[-1][0].size:
-            tried.append((space, cross_validated(space, X, fields, root)))
+            tried.append((space, cross_validated(space, X, fields, whitening)))
     least = min(error for _, error in tried)
     limit = np.hypot(SLACK * least, ROOM * noise)
     space = next(space for space, error in reversed(tried) if error <= limit)
-    return space, cross_validated(space, X, u, root)
+    return space, cross_validated(space, X, u, whitening)
 
 
 def _bridged(u: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -78,7 +78,9 @@ def _space(body: Body, spans: np.ndarray, symmetry: Symmetry) -> Space:
     return Space(Tensor((a, b, c)), symmetry, joined=True)
 
 
-def cross_validated(space: Space, X: np.ndarray, fields: np.ndarray, root: np.ndarray) -> float:
+def cross_validated(
+    space: Space, X: np.ndarray, fields: np.ndarray, whitening: np.ndarray
+) -> float:
     """Root mean square error [m] of fields at left-out points of a surface, as if all were alike.
 
     Generalised cross-validation (Golub, Heath and Wahba 1979): what is left of the fields, by the share
@@ -88,12 +90,12 @@ def cross_validated(space: Space, X: np.ndarray, fields: np.ndarray, root: np.nd
         space: of the fields.
         X: points [m], shape [points, 3].
         fields: shape [fields, points, 3].
-        root: as in ``chosen_cells``.
+        whitening: as in ``chosen_cells``.
     """
     (block,) = space.blocks
-    D = root @ block.matrix(space.scalar.matrix(X))
+    D = whitening @ block.matrix(space.scalar.matrix(X))
     U, S, _ = np.linalg.svd(D.reshape(-1, block.size), full_matrices=False)
     U = U[:, S > FAINT * S[0]]
-    flat = np.einsum("pij,fpj->pif", root, fields, optimize=True).reshape(len(U), -1)
+    flat = np.einsum("pij,fpj->pif", whitening, fields, optimize=True).reshape(len(U), -1)
     rest = flat - U @ (U.T @ flat)
     return float(np.sqrt(np.mean(rest**2)) / max(1.0 - U.shape[1] / len(U), FAINT))

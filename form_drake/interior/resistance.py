@@ -15,7 +15,7 @@ POISSON = 0.4  # where that is not known either
 
 
 @dataclass(frozen=True)
-class Memory:
+class Past:
     """What some points have gone through.
 
     Attributes:
@@ -27,7 +27,7 @@ class Memory:
     elastic: np.ndarray
 
     @classmethod
-    def none(cls, points: int) -> "Memory":
+    def none(cls, points: int) -> "Past":
         """Free of stress."""
         rest = np.tile(np.eye(3), (points, 1, 1))
         return cls(rest, rest)
@@ -54,18 +54,23 @@ class Resistance:
         return cls(law_named(PLAIN), {"mu": 1.0, "lam": 2.0 * nu / (1.0 - 2.0 * nu)}, False)
 
     @classmethod
-    def of(cls, material: Material) -> "Resistance | None":
-        """A material's; None where it does not resist being sheared at rest, as fluids and sand."""
-        bulk, shear = material.law.moduli(material.values)
-        static = shear > 0.0 and bulk > 0.0 and material.law.flow in ("elastic", "plastic")
-        return cls(material.law, dict(material.values), True) if static else None
+    def of(cls, material: Material) -> "Resistance":
+        """A material's.
+
+        Raises:
+            ValueError: as of ``stands``, or it does not resist being sheared or compressed at rest.
+        """
+        stands(material.law)
+        if not min(material.law.moduli(material.values)) > 0.0:
+            raise ValueError(_flows(material.law))
+        return cls(material.law, dict(material.values), True)
 
     @property
     def modulus(self) -> float:
         """Shear modulus at rest [Pa]; 1 where it is not known."""
         return float(self.law.moduli(self.values)[1])
 
-    def answer(self, F: np.ndarray, past: Memory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def answer(self, F: np.ndarray, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stress after a stride that begins where ``past`` ends.
 
         Args:
@@ -89,3 +94,20 @@ class Resistance:
         P = (tau @ inverse(ways).swapaxes(1, 2)).reshape(10, len(F), 9)
         slope = np.moveaxis((P[1:] - P[0]) / STEP, 0, 2)
         return P[0].reshape(F.shape), slope, elastic[: len(F)]
+
+
+def stands(law: Law) -> None:
+    """Refuse laws that flow at rest, as those of fluids and sand: their motion is no statics.
+
+    Raises:
+        ValueError: this is one.
+    """
+    if law.flow not in ("elastic", "plastic"):
+        raise ValueError(_flows(law))
+
+
+def _flows(law: Law) -> str:
+    return (
+        f"{law.name} does not resist shear at rest, so what is behind a surface does not follow from it:"
+        " track points throughout the body"
+    )

@@ -2,7 +2,7 @@
 
 In every frame the coefficients y minimise, to first order,
 
-    |D y - d|^2 / sd^2 + W / (TRUST^2 V G),
+    |D y - d|^2 / (2 sd^2) + W / (TRUST^2 V G),
 
 W the work of the law's stress along the change from the last frame less that of the weight, V the
 volume and G the shear modulus: what is seen is followed, and forces balance wherever it is not.
@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.interior.resistance import Memory, Resistance
+from form_drake.interior.resistance import Past, Resistance
 from form_drake.motion import Body
 from form_drake.motion.space import Space
 from form_drake.weak.ready import halved, quadrature_cells
@@ -68,7 +68,7 @@ class Held:
 
     y: np.ndarray
     rows: Rows
-    past: Memory
+    past: Past
     stiffness: np.ndarray
     pull: np.ndarray
     settled: bool
@@ -129,7 +129,7 @@ class Statics:
     def rest(self) -> Held:
         """Before anything has moved."""
         none = np.zeros(self.space.size)
-        past = Memory.none(len(self._quadrature[0]))
+        past = Past.none(len(self._quadrature[0]))
         return Held(none, Rows.none(len(none)), past, np.zeros((len(none), len(none))), none, True)
 
     def held(self, rows: Rows, last: Held) -> Held:
@@ -157,4 +157,4 @@ class Statics:
             y = y + min(1.0, LONGEST / max(strain, LONGEST)) * step
             if settled:
                 break
-        return Held(y, rows, Memory(F, elastic), stiffness, pull, settled)
+        return Held(y, rows, Past(F, elastic), stiffness, pull, settled)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from form_drake.interior.faces import Grip, grips
+from form_drake.interior.faces import Hold, holds
 from form_drake.interior.knots import chosen_cells
 from form_drake.interior.resistance import Resistance
 from form_drake.interior.statics import Held, Rows, Statics
@@ -15,7 +15,7 @@ from form_drake.motion.drift import centred
 from form_drake.motion.fit import unfollowed
 from form_drake.motion.knots import chosen_time
 from form_drake.motion.smoothing import Smoothing, Spread
-from form_drake.motion.space import Symmetry
+from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
 
@@ -26,37 +26,94 @@ UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
 
 
-def fit_surface(
-    recording: Recording, body: Body, resistance: Resistance, *, symmetric: bool = True
-) -> Fit:
-    """Fit the tracks of a surface, and what is behind it.
+@dataclass(frozen=True)
+class Seen:
+    """Points on the surface of a body, and all that does not depend on what it is made of.
 
-    Args:
-        recording: of tracks on faces of the body.
+    Attributes:
         body: the specimen.
-        resistance: of its material, as far as that is known.
-        symmetric: whether the symmetries that the recording states are taken.
-
-    Raises:
-        ValueError: too few points or frames, or no motion inside passes through them.
+        space: of its displacements.
+        X: stress-free positions of the points, or those in the first frame [m], shape [points, 3].
+        u: displacements from there [m], shape [frames, points, 3].
+        valid: which are seen, shape [frames, points].
+        whitening: makes the errors of a point independent and as large as the noise, shape
+            [points, 3, 3].
+        time: from the first frame on [s], shape [frames].
+        noise: standard deviation of a whitened coordinate [m].
+        sd: error at left-out points, to which a motion must follow them [m].
+        holds: what tools and supports say.
+        sticks: whether bonded faces stick to them, or slide.
+        force: weight per volume [N/m^3], shape [3].
+        bent: whether that has bent the body in the first frame, of which X is then made.
     """
-    X, u, valid, time, used = tracks(recording, body, throughout=False)
-    stated = recording.noise
-    noise = noise_of(recording.time, u, valid) if stated is None else stated
-    stated_symmetry = Symmetry.stated(recording.geometry.get("symmetry", ""))
-    _covered(recording, stated_symmetry)
-    symmetry = stated_symmetry if symmetric else Symmetry()
-    u = centred(symmetry, body, X, u)
-    root = alike(recording, used, noise)
-    space, held_out = chosen_cells(X, u, valid, root, body, noise, symmetry)
-    seen = _Seen(X, u, valid, root, max(noise, held_out))
-    gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
-    statics = Statics(space, body, resistance, body.density * gravity)
-    held = grips(recording, body)
-    sticks = _sticks(statics, seen, held)
-    if recording.p_reference is None and resistance.weighs and gravity.any():
-        seen = _sunk(statics, seen, held, sticks)
-    return _fit(statics, seen, time, noise, _frames(statics, seen, held, sticks))
+
+    body: Body
+    space: Space
+    X: np.ndarray
+    u: np.ndarray
+    valid: np.ndarray
+    whitening: np.ndarray
+    time: np.ndarray
+    noise: float
+    sd: float
+    holds: tuple[Hold, ...]
+    sticks: bool
+    force: np.ndarray
+    bent: bool
+
+    @classmethod
+    def of(cls, recording: Recording, body: Body, *, symmetric: bool = True) -> "Seen":
+        """What a recording of tracks on faces of a body holds.
+
+        Args:
+            recording: of the tracks.
+            body: the specimen.
+            symmetric: whether the symmetries that the recording states are taken.
+
+        Raises:
+            ValueError: too few points or frames, or a side of the body that nothing tells of.
+        """
+        X, u, valid, time, used = tracks(recording, body, throughout=False)
+        stated = recording.noise
+        noise = noise_of(recording.time, u, valid) if stated is None else stated
+        symmetry = Symmetry.stated(recording.geometry.get("symmetry", ""))
+        _covered(recording, symmetry)
+        symmetry = symmetry if symmetric else Symmetry()
+        u = centred(symmetry, body, X, u)
+        white = _whitening(recording, used, noise)
+        space, held_out = chosen_cells(X, u, valid, white, body, noise, symmetry)
+        gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
+        found = cls(
+            body=body,
+            space=space,
+            X=X,
+            u=u,
+            valid=valid,
+            whitening=white,
+            time=time,
+            noise=noise,
+            sd=max(noise, held_out),
+            holds=tuple(holds(recording, body)),
+            sticks=True,
+            force=body.density * gravity,
+            bent=recording.p_reference is None and bool(gravity.any()),
+        )
+        return replace(found, sticks=_sticks(found))
+
+    @cached_property
+    def white(self) -> np.ndarray:
+        """Whitened displacements [m], shape of u."""
+        return np.einsum("pij,fpj->fpi", self.whitening, self.u, optimize=True)
+
+    def fit(self, resistance: Resistance) -> Fit:
+        """The motion of the whole body, as far as its material is known.
+
+        Raises:
+            ValueError: no motion inside passes through the points.
+        """
+        statics = Statics(self.space, self.body, resistance, self.force)
+        seen = _sunk(statics, self) if self.bent and resistance.weighs else self
+        return _fit(statics, seen, _frames(statics, seen))
 
 
 def _covered(recording: Recording, symmetry: Symmetry) -> None:
@@ -71,61 +128,22 @@ def _covered(recording: Recording, symmetry: Symmetry) -> None:
             )
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Points of the surface.
-
-    Attributes:
-        X: stress-free positions [m], shape [points, 3].
-        u: displacements [m], shape [frames, points, 3].
-        valid: which are seen, shape [frames, points].
-        root: that makes their errors alike, shape [points, 3, 3].
-        sd: to how much a motion must then follow them [m].
-    """
-
-    X: np.ndarray
-    u: np.ndarray
-    valid: np.ndarray
-    root: np.ndarray
-    sd: float
-
-    def matrix(self, statics: Statics) -> np.ndarray:
-        """Displacements of the points by the coefficients, errors made alike, [points, 3, size]."""
-        return np.asarray(self.root @ statics.values(self.X))
-
-    @cached_property
-    def alike(self) -> np.ndarray:
-        """Displacements with errors made alike [m], shape of u."""
-        return np.einsum("pij,fpj->fpi", self.root, self.u, optimize=True)
-
-    def rows(self, D: np.ndarray, n: int) -> Rows:
-        """Of a frame."""
-        seen = self.valid[n]
-        return Rows.of(D[seen], self.alike[n, seen], self.sd)
-
-
-def alike(recording: Recording, seen: np.ndarray, noise: float) -> np.ndarray:
-    """Roots that turn the errors of points into independent ones of the size of the noise [points, 3, 3].
-
-    Args:
-        recording: of the points; without their covariance, errors are alike as they are.
-        seen: which of its points are used, shape [points].
-        noise: standard deviation of a coordinate [m].
-    """
-    count = int(seen.sum())
+def _whitening(recording: Recording, used: np.ndarray, noise: float) -> np.ndarray:
+    """As of ``Seen``, for the points ``used`` [points]; without their covariance, errors are alike."""
     if recording.covariance is None or noise <= 0.0:
-        return np.tile(np.eye(3), (count, 1, 1))
-    size, axes = np.linalg.eigh(recording.covariance[seen])
+        return np.tile(np.eye(3), (int(used.sum()), 1, 1))
+    size, axes = np.linalg.eigh(recording.covariance[used])
     return np.asarray((axes * (noise / np.sqrt(size))[:, None]) @ axes.swapaxes(1, 2))
 
 
-def _frames(statics: Statics, seen: _Seen, held: list[Grip], sticks: bool) -> list[Held]:
+def _frames(statics: Statics, seen: Seen) -> list[Held]:
     """Every frame after the one before it."""
-    D = seen.matrix(statics)
-    own = [grip.rows(statics, sticks) for grip in held]
+    D = seen.whitening @ statics.values(seen.X)
+    own = [hold.rows(statics, seen.sticks) for hold in seen.holds]
     last, found = statics.rest, []
-    for n in range(len(seen.u)):
-        last = statics.held(sum((grip(n) for grip in own), seen.rows(D, n)), last)
+    for n, valid in enumerate(seen.valid):
+        rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
+        last = statics.held(sum((hold(n) for hold in own), rows), last)
         found.append(last)
     lost = sum(not frame.settled for frame in found)
     if lost > UNSETTLED * len(found):
@@ -137,41 +155,42 @@ def _frames(statics: Statics, seen: _Seen, held: list[Grip], sticks: bool) -> li
     return found
 
 
-def _sticks(statics: Statics, seen: _Seen, held: list[Grip]) -> bool:
+def _sticks(seen: Seen) -> bool:
     """Whether bonded faces stick to their tools, or slide along them: what fits the points better."""
-    if not any(grip.face.condition == "bonded" for grip in held):
+    if not any(hold.face.condition == "bonded" for hold in seen.holds):
         return False
     size = np.linalg.norm(seen.u, axis=(1, 2))
     steps = np.linspace(0.0, size.max(), LOOKS + 1)[1:]
     looks = np.unique([int(np.argmax(size >= step)) for step in steps])  # the way to the largest
-    few = replace(seen, u=seen.u[looks], valid=seen.valid[looks])
-    own = [
-        Grip(g.face, None if g.moved is None else g.moved[looks], g.presses[looks]) for g in held
-    ]
-    statics = replace(statics, resistance=Resistance.plain())
-    D = seen.matrix(statics)
+    few = replace(
+        seen,
+        u=seen.u[looks],
+        valid=seen.valid[looks],
+        holds=tuple(hold.at(looks) for hold in seen.holds),
+    )
+    statics = Statics(seen.space, seen.body, Resistance.plain(), seen.force)
+    D = seen.whitening @ statics.values(seen.X)
     left = []
     for sticks in (True, False):
-        last = _frames(statics, few, own, sticks)[-1]
-        rest = (few.alike[-1] - D @ last.y)[few.valid[-1]]
-        left.append(float(np.sum(rest**2)))
+        last = _frames(statics, replace(few, sticks=sticks))[-1]
+        left.append(float(np.sum((few.white[-1] - D @ last.y)[few.valid[-1]] ** 2)))
     return left[0] <= SLIDES * left[1]
 
 
-def _sunk(statics: Statics, seen: _Seen, held: list[Grip], sticks: bool) -> _Seen:
-    """Points where they were before their own weight had moved them to where they are seen first."""
+def _sunk(statics: Statics, seen: Seen) -> Seen:
+    """Points where they were before the weight had moved them to where they are seen first."""
     size = float(np.max(statics.body.high - statics.body.low))
     x, X = seen.X, seen.X
     rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
-    for grip in held:
-        rows = rows + grip.rows(statics, sticks)(0)
+    for hold in seen.holds:
+        rows = rows + hold.rows(statics, seen.sticks)(0)
     y = statics.held(rows, statics.rest).y
     for _ in range(SAGS):
         X = x - statics.values(X) @ y
     return replace(seen, X=X, u=seen.u + (x - X))
 
 
-def _fit(statics: Statics, seen: _Seen, time: np.ndarray, noise: float, frames: list[Held]) -> Fit:
+def _fit(statics: Statics, seen: Seen, frames: list[Held]) -> Fit:
     """Splines in time through the frames, and their covariance.
 
     What the surface shows of the coefficients is as uncertain as its points. What it does not show is
@@ -189,30 +208,28 @@ def _fit(statics: Statics, seen: _Seen, time: np.ndarray, noise: float, frames: 
     z = np.array([seen.sd * (turn.T @ (factor.T @ f.y)) for f in frames])
     pulls = turn.T @ solve_triangular(factor, np.array([f.pull for f in frames]).T, lower=True)
     doubt = np.sqrt(np.sum(pulls**2, axis=0) / np.sum(told * (1.0 - told)))
-    splines = chosen_time(time, z, noise)
-    Q, R = np.linalg.qr(splines.matrix(time))
+    splines = chosen_time(seen.time, z, seen.noise)
+    Q, R = np.linalg.qr(splines.matrix(seen.time))
     back = np.linalg.inv(R)
-    D = seen.matrix(statics).reshape(-1, len(z[0]))
+    D = (seen.whitening @ statics.values(seen.X)).reshape(-1, len(z[0]))
     follows = ((Q @ (Q.T @ z)) @ root.T @ D.T).reshape(seen.u.shape)
-    rest = np.where(seen.valid[..., None], seen.alike - follows, 0.0)
+    rest = np.where(seen.valid[..., None], seen.white - follows, 0.0)
     freedom = max(1.0 - told.sum() / len(D), SHOWN)
     spread = (
-        Spread(np.sqrt(told)[:, None], noise * back),
-        Spread(np.sqrt(told)[:, None], back @ Q.T @ unfollowed(rest, noise, freedom)),
+        Spread(np.sqrt(told)[:, None], seen.noise * back),
+        Spread(np.sqrt(told)[:, None], back @ Q.T @ unfollowed(rest, seen.noise, freedom)),
     )
     unseen = Spread(np.sqrt(1.0 - told)[:, None], back @ Q.T @ (seen.sd * doubt)[:, None])
-    misfit = float(np.sqrt(np.mean(rest[seen.valid] ** 2) / freedom))
-    c = statics.space.tied(root @ (Q.T @ z).T @ back.T)
     return Fit(
-        statics.space,
-        splines,
-        c,
-        noise,
-        misfit,
-        seen.sd,
-        (root,),
-        spread,
-        Smoothing.none(len(told)),
-        spread,
-        (unseen,),
+        space=statics.space,
+        time=splines,
+        c=statics.space.tied(root @ (Q.T @ z).T @ back.T),
+        noise=seen.noise,
+        misfit=float(np.sqrt(np.mean(rest[seen.valid] ** 2) / freedom)),
+        held_out=seen.sd,
+        roots=(root,),
+        spread=spread,
+        smoothing=Smoothing.none(len(told)),
+        response=spread,
+        doubt=(unseen,),
     )

@@ -25,8 +25,40 @@ class Face:
 
     axis: int
     side: int
-    condition: str
+    condition: str = "unknown"
     tool: str = ""
+
+    @classmethod
+    def named(cls, name: str) -> "Face":
+        """A face such as ``x+``, of which nothing else is known.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
+        if name not in FACES:
+            raise ValueError(f"no face {name!r}; allowed are {', '.join(FACES)}")
+        return cls(*divmod(FACES.index(name), 2))
+
+    @property
+    def index(self) -> int:
+        """As recordings count them: 0 is x-, 5 is z+."""
+        return 2 * self.axis + self.side
+
+    @property
+    def name(self) -> str:
+        """Such as ``x+``."""
+        return FACES[self.index]
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Outward, shape [3]."""
+        return (2.0 * self.side - 1.0) * np.eye(3)[self.axis]
+
+    def middle(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Middle of this face of a box between two corners [m], shape [3]."""
+        found = 0.5 * (low + high)
+        found[self.axis] = (low, high)[self.side][self.axis]
+        return found
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 import yaml
 
 from form_drake.files import plain, read_mapping, write_text
+from form_drake.motion.body import Face
 from form_drake.records import Camera
 
 VERSION = 1
-FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 ENTRIES = {"form_drake_rig", "rate", "low", "high", "face", "cameras", "half", "spacing"}
 OPTIONAL = {"half", "spacing"}
 RIGID = 1e-6  # by which a pose may not be a rotation
@@ -28,7 +28,7 @@ class Rig:
         rate: of the pictures [1/s].
         low: lower corner of the specimen's box in world, as it stands free of stress [m], shape [3].
         high: upper corner [m], shape [3].
-        face: that is seen, such as ``x+``.
+        face: that is seen.
         half: pixels from a point to the rim of what is compared.
         spacing: of the points [m]; None: ``half`` pixels and a third of it.
     """
@@ -37,7 +37,7 @@ class Rig:
     rate: float
     low: np.ndarray
     high: np.ndarray
-    face: str
+    face: Face
     half: int = HALF
     spacing: float | None = None
 
@@ -46,8 +46,6 @@ class Rig:
             raise ValueError(f"cameras: two are wanted, got {', '.join(self.cameras) or 'none'}")
         if not 0.0 < self.rate < np.inf:
             raise ValueError(f"rate: frames a second are wanted, got {self.rate}")
-        if self.face not in FACES:
-            raise ValueError(f"face {self.face!r}: choose from {', '.join(FACES)}")
         if not np.all(self.high > self.low):
             raise ValueError(f"low {self.low} must lie below high {self.high} along every axis")
         if not 3 <= self.half <= 100:
@@ -56,21 +54,10 @@ class Rig:
             raise ValueError(f"spacing {self.spacing}: a positive length is wanted [m]")
 
     @property
-    def axis(self) -> int:
-        """Along the normal of the face."""
-        return "xyz".index(self.face[0])
-
-    @property
-    def normal(self) -> np.ndarray:
-        """Outward normal of the face, shape [3]."""
-        return np.eye(3)[self.axis] * (1.0 if self.face[1] == "+" else -1.0)
-
-    @property
     def pixel(self) -> float:
         """What a pixel of the first camera shows of the face's middle [m]."""
         camera = next(iter(self.cameras.values()))
-        middle = 0.5 * (self.low + self.high)
-        middle[self.axis] = (self.low, self.high)[self.face[1] == "+"][self.axis]
+        middle = self.face.middle(self.low, self.high)
         depth = float((middle - camera.X_WC[:3, 3]) @ camera.X_WC[:3, 2])
         return depth / float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
 
@@ -91,11 +78,11 @@ class Rig:
             low, high = self.low[a] + margin, self.high[a] - margin
             count = int((high - low) / step) + 1 if high > low else 0
             sides.append(low + (high - low - (count - 1) * step) / 2.0 + step * np.arange(count))
-        sides[self.axis] = (self.low, self.high)[self.face[1] == "+"][[self.axis]]
+        sides[self.face.axis] = self.face.middle(self.low, self.high)[[self.face.axis]]
         grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
         if len(grid) < 8:
             raise ValueError(
-                f"{len(grid)} points fit on face {self.face} with parts of {2 * self.half + 1} pixels of"
+                f"{len(grid)} points fit on face {self.face.name} with parts of {2 * self.half + 1} pixels of"
                 f" {1e6 * pixel:.3g} um: come nearer, or take a smaller half or spacing"
             )
         return grid
@@ -133,8 +120,8 @@ class Rig:
             float(_numbers("rate", content["rate"], ())),
             _numbers("low", content["low"], (3,)),
             _numbers("high", content["high"], (3,)),
-            str(content["face"]),
-            int(_numbers("half", content.get("half", HALF), ())),
+            Face.named(str(content["face"])),
+            _whole("half", content.get("half", HALF)),
             None if spacing is None else float(_numbers("spacing", spacing, ())),
         )
 
@@ -150,7 +137,7 @@ class Rig:
             for name, c in self.cameras.items()
         }
         content = {"form_drake_rig": VERSION, "rate": self.rate, "low": self.low, "high": self.high}
-        content |= {"face": self.face, "half": self.half, "cameras": cameras}
+        content |= {"face": self.face.name, "half": self.half, "cameras": cameras}
         if self.spacing is not None:
             content["spacing"] = self.spacing
         write_text(path, yaml.safe_dump(plain(content), sort_keys=False, default_flow_style=None))
@@ -187,6 +174,13 @@ def camera(name: str, stated: Mapping[str, Any]) -> Camera:
         raise ValueError(f"camera {name}: size {size.tolist()}: width and height [px] are wanted")
     distortion = _numbers(f"camera {name}: distortion", stated["distortion"], (5,))
     return Camera(K, X_WC, distortion, (int(size[0]), int(size[1])))
+
+
+def _whole(name: str, value: Any) -> int:
+    found = float(_numbers(name, value, ()))
+    if found != round(found):
+        raise ValueError(f"{name}: a whole number is wanted, got {value}")
+    return int(found)
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from form_drake.perceive.optics import Places
 from form_drake.perceive.pictures import Pictures
-from form_drake.perceive.rig import FACES, Rig
+from form_drake.perceive.rig import Rig
 from form_drake.perceive.stereo import Stereo
 from form_drake.records import Recording
 
@@ -41,7 +41,7 @@ def tracked(
     X = rig.points()
     pairs = pictures.read(cameras)
     first = next(pairs)
-    stereo = Stereo.of(cameras, first, X, np.tile(rig.normal, (len(X), 1)), rig.half, device)
+    stereo = Stereo.of(cameras, first, X, np.tile(rig.face.normal, (len(X), 1)), rig.half, device)
     found: list[Places] = []
     for places in stereo.follow(chain([first], pairs)):
         found.append(places)
@@ -63,7 +63,7 @@ def tracked(
         np.where(valid[..., None], p_WQ, 0.0),
         valid=valid,
         visible=valid,
-        face=np.full(valid.shape[1], FACES.index(rig.face)),
+        face=np.full(valid.shape[1], rig.face.index),
         noise=float(np.sqrt(np.mean(covariance.trace(axis1=1, axis2=2)) / 3.0)),
         covariance=covariance,
         geometry={"shape": "box", "low": low, "high": high},

@@ -19,9 +19,7 @@ from form_drake.perceive.warps import affine
 SMOOTH = 0.5  # pixels, by which pictures are smoothed: between pixels they are splines rather
 NEIGHBOURS = 12  # whose flow is fitted by a line
 ALIKE = 0.8  # correlation, below which a point is lost
-BENT = (
-    9.0  # of the square of what a second-order warp shifts, in its variance, from which it counts
-)
+BENT = 9.0  # variances of a second-order warp's shift, from which its square counts
 FAR = 6.0  # times the scatter of its neighbours, by which a point is off them
 LEAST = 0.05  # pixels, of that scatter
 ROBUST = 4  # rounds of weights that grow smaller with distance

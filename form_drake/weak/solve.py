@@ -143,7 +143,7 @@ def ordinary(A: np.ndarray, b: np.ndarray, covariance: Blocks) -> Solution:
     return replace(found, covariance=np.asarray(own))
 
 
-def carried(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
+def passed_on(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
     """Covariance of a solution from errors by which its rows were not weighed.
 
     Args:
