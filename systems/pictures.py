@@ -61,6 +61,11 @@ def seen_by_cameras(scenario: Scenario) -> Scenario:
     return replace(scenario, measure=measure)
 
 
+def frames_a_second(particles: Recording) -> float:
+    """The rate of a simulation's frames [Hz]: that of the scenario, rounded to whole steps of its solver."""
+    return 1.0 / float(np.median(np.diff(particles.time)))
+
+
 def turned(camera: Camera, degrees: list[float]) -> Camera:
     """A camera that is turned about its own axes."""
     X_WC = camera.X_WC.copy()

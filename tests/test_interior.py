@@ -76,6 +76,10 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
     off = motion.F[-1] - np.diag([0.8**-POISSON, 0.8**-POISSON, 0.8])
     assert np.sqrt(np.mean(off**2)) < 6e-4
+    # the plate pushes as it must: points that weigh next to nothing need not hold the block down
+    fit = replace(Seen.of(made, body(made)), sd=100.0 * NOISE).fit(resistance)
+    motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
+    assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
 
 def test_a_body_that_sags_is_found_free_of_stress():

@@ -16,6 +16,7 @@ from form_drake.bench import (
     deformable,
     effects,
     nulls,
+    perception,
     positions,
     probes,
     rubber,
@@ -325,6 +326,30 @@ class Probes:
 
 
 @dataclass(frozen=True)
+class Perception:
+    """Probes seen by two cameras: pictures, tracks, inside, law, and what disturbs them."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-perception/perception.json. Motions and tracks stay
+    beside it."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names (such as stereo/press_a, stereo/bend-3, fe/press-a, paper/bend_b or
+    sweep/noise/5/press_a) contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Run the bench."""
+
+        def run(store: Path) -> dict[str, Any]:
+            return perception.run_perception(store=store, only=self.only)
+
+        _finish(
+            "perception", self.out, run, perception.table, whole=not self.only, as_json=self.json
+        )
+
+
+@dataclass(frozen=True)
 class Deformable:
     """Drake's own deformable bodies on three meshes, stored with the tests; needs a checkout."""
 
@@ -364,6 +389,7 @@ class Bench:
         | Annotated[Rubber, tyro.conf.subcommand("rubber")]
         | Annotated[WeakForm, tyro.conf.subcommand("weak-form")]
         | Annotated[Probes, tyro.conf.subcommand("probes")]
+        | Annotated[Perception, tyro.conf.subcommand("perception")]
         | Annotated[Deformable, tyro.conf.subcommand("deformable")]
     ]
 

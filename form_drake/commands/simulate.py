@@ -103,9 +103,14 @@ class Simulate:
 
     def _looked(self, scenario: "Scenario", particles: Recording, folder: Path) -> Recording:
         """Write what cameras see of the particles, and the recording that a process makes of that alone."""
-        from form_drake.systems.pictures import beside_pictures, rig_of, write_pictures
+        from form_drake.systems.pictures import (
+            beside_pictures,
+            frames_a_second,
+            rig_of,
+            write_pictures,
+        )
 
-        rig = rig_of(scenario, 1.0 / float(np.median(np.diff(particles.time))))
+        rig = rig_of(scenario, frames_a_second(particles))
         seen = folder / "seen"
         (seen / "pictures").mkdir(parents=True)
         rig.write(seen / "rig.yaml")

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from form_drake.interior.statics import Rows, Statics
+from form_drake.interior.statics import Grip, Rows, Statics
 from form_drake.motion import Body, Face
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
 POINTS = 10  # along each side of a face
 EXACT = 1e-6  # [m] to which a face is as its tool has it
+TINY = 1e-9  # of the largest singular value
 PRESSED = 0.01  # of the largest force, above which a tool presses
 
 
@@ -35,8 +36,11 @@ class Hold:
         moved = None if self.moved is None else self.moved[frames]
         return replace(self, moved=moved, presses=self.presses[frames])
 
-    def rows(self, statics: Statics, sticks: bool) -> Callable[[int], Rows]:
-        """Rows of the coefficients in a frame.
+    def grip(self, statics: Statics, sticks: bool) -> Callable[[int], Grip | None]:
+        """What it does in a frame; None while it does not press.
+
+        A tool that presses keeps its face as it is but for rigid displacements: how it has moved is not
+        taken from its pose, which is known less well than the points, and so its push is free.
 
         Args:
             statics: of the body.
@@ -47,16 +51,27 @@ class Hold:
         axes = [0, 1, 2] if bonded else [self.face.axis]
         D = statics.values(X)[:, axes]
         flat = D.reshape(-1, D.shape[-1])
+        pushes = np.zeros((flat.shape[1], 0))
+        targets = np.zeros((len(self.presses), len(flat)))
         if self.moved is None:
-            rigid = _rigid(X)[:, axes].reshape(len(flat), -1)
-            U, S, _ = np.linalg.svd(rigid, full_matrices=False)
-            U = U[:, S > 1e-9 * S[0]]
+            U = _spanned(_rigid(X)[:, axes].reshape(len(flat), -1))
+            pushes = _spanned(flat.T @ U)
             flat = flat - U @ (U.T @ flat)
-            targets = np.zeros((len(self.presses), len(flat)))
         else:
             targets = self.moved[..., axes].reshape(len(self.moved), -1)
-        whole, none = flat.T @ flat / EXACT**2, Rows.none(flat.shape[1])
-        return lambda n: Rows(whole, flat.T @ targets[n] / EXACT**2) if self.presses[n] else none
+        whole = flat.T @ flat / EXACT**2
+
+        def grip(n: int) -> Grip | None:
+            rows = Rows(whole, flat.T @ targets[n] / EXACT**2)
+            return Grip(rows, pushes) if self.presses[n] else None
+
+        return grip
+
+
+def _spanned(A: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span those of a matrix."""
+    U, S, _ = np.linalg.svd(A, full_matrices=False)
+    return np.asarray(U[:, S > TINY * S[0]])
 
 
 def _rigid(X: np.ndarray) -> np.ndarray:

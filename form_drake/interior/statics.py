@@ -1,14 +1,16 @@
 """Statics of a body whose displacements are splines, with what is seen of it as data.
 
-In every frame the coefficients y minimise, to first order,
+In every frame the coefficients y minimise
 
-    |D y - d|^2 / (2 sd^2) + W / (TRUST^2 V G),
+    |D y - d|^2 / (2 sd^2) + (W(y) - W(z)) / (TRUST^2 V G),
 
 W the work of the law's stress along the change from the last frame less that of the weight, V the
-volume and G the shear modulus: what is seen is followed, and forces balance wherever it is not.
-Newton's steps take the law's own slope, plastic flow included.
+volume, G the shear modulus, and z the coefficients that balance alone would give while its tools stand
+where y has them: what is seen is followed, forces balance wherever it is not, and what a tool pushes
+with is free. Newton's steps take the law's own slope, plastic flow included.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,7 +24,9 @@ from form_drake.weak.ready import halved, quadrature_cells
 GAUSS = 3  # points along each axis of a cell
 TRUST = 1e-3  # strain to which the balance is trusted
 ROUNDS = 25  # of Newton's steps in a frame
+FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
 CLOSE = 1e-4  # change of a deformation gradient in a step, below which it is the last
+SLOW = 0.5  # share of the last step, above which the next is halved: it goes to and fro
 LONGEST = 0.2  # change of a deformation gradient in a step
 
 
@@ -52,6 +56,23 @@ class Rows:
     def __add__(self, other: "Rows") -> "Rows":
         return Rows(self.normal + other.normal, self.right + other.right)
 
+    def __mul__(self, share: float) -> "Rows":
+        return Rows(share * self.normal, share * self.right)
+
+
+@dataclass(frozen=True)
+class Grip:
+    """What a tool or a support does to a face that it holds.
+
+    Attributes:
+        rows: of the displacements that it leaves, as if they had been seen.
+        pushes: directions of forces on the coefficients that it may have beside those that keep the
+            rows, orthonormal, shape [size, pushes].
+    """
+
+    rows: Rows
+    pushes: np.ndarray
+
 
 @dataclass(frozen=True)
 class Held:
@@ -59,6 +80,8 @@ class Held:
 
     Attributes:
         y: [m], shape [size].
+        alone: those that balance alone would give, the tools standing as in y [m], shape [size].
+        push: of the tools along the directions that are free to them [1/m], shape [size].
         rows: what is seen of it.
         past: memory of the quadrature points.
         stiffness: that of the balance, as a normal matrix [1/m^2], shape [size, size].
@@ -67,11 +90,34 @@ class Held:
     """
 
     y: np.ndarray
+    alone: np.ndarray
+    push: np.ndarray
     rows: Rows
     past: Past
     stiffness: np.ndarray
     pull: np.ndarray
     settled: bool
+
+
+@dataclass(frozen=True)
+class Forces:
+    """What a law answers to some coefficients, in the units of a normal matrix.
+
+    Attributes:
+        left: forces that are left over [1/m], shape [size].
+        slope: their derivative [1/m^2], shape [size, size].
+        past: what the quadrature points have gone through then.
+    """
+
+    left: np.ndarray
+    slope: np.ndarray
+    past: Past
+
+    def equation(
+        self, rows: Rows, y: np.ndarray, push: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and right side of the step from y to where rows, forces and push agree."""
+        return rows.normal + self.slope, rows.right - rows.normal @ y - self.left + push
 
 
 @dataclass(frozen=True)
@@ -128,33 +174,86 @@ class Statics:
     @property
     def rest(self) -> Held:
         """Before anything has moved."""
-        none = np.zeros(self.space.size)
-        past = Past.none(len(self._quadrature[0]))
-        return Held(none, Rows.none(len(none)), past, np.zeros((len(none), len(none))), none, True)
+        size = self.space.size
+        none, past = np.zeros(size), Past.none(len(self._quadrature[0]))
+        return Held(none, none, none, Rows.none(size), past, np.zeros((size, size)), none, True)
 
-    def held(self, rows: Rows, last: Held) -> Held:
+    def _forces(self, y: np.ndarray, past: Past) -> Forces:
+        _, share = self._quadrature
+        slopes = self._slopes
+        flat, weigh = slopes.reshape(-1, self.space.size), share[:, None] / TRUST**2
+        F = np.eye(3) + (flat @ y).reshape(-1, 3, 3)
+        P, slope, elastic = self.resistance.answer(F, past)
+        left = flat.T @ (weigh * P.reshape(-1, 9)).ravel() - self._load / TRUST**2
+        K = flat.T @ ((weigh[..., None] * slope) @ slopes).reshape(-1, self.space.size)
+        return Forces(left, K, Past(F, elastic))
+
+    def held(self, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
         """The frame after ``last``.
+
+        Args:
+            rows: of what is seen.
+            grips: of the tools.
+            last: the frame before.
 
         Raises:
             ValueError: no motion passes through what is seen without folding the body.
         """
-        _, share = self._quadrature
-        slopes, size = self._slopes, self.space.size
-        flat, weigh = slopes.reshape(-1, size), share[:, None] / TRUST**2
-        y = last.y
+        size = self.space.size
+        flat = self._slopes.reshape(-1, size)
+        own = sum((grip.rows for grip in grips), Rows.none(size))
+        seen, floating = own + rows, own + rows * FLOAT
+        B = np.concatenate([np.zeros((size, 0)), *(grip.pushes for grip in grips)], axis=1)
+        y, alone = last.y, last.alone if B.shape[1] else last.y
+        push, strains = B @ (B.T @ last.push), [np.inf, np.inf]
         for _ in range(ROUNDS):
-            F = np.eye(3) + (flat @ y).reshape(-1, 3, 3)
-            P, slope, elastic = self.resistance.answer(F, last.past)
-            pull = flat.T @ (weigh * P.reshape(-1, 9)).ravel() - self._load / TRUST**2
-            stiffness = flat.T @ ((weigh[..., None] * slope) @ slopes).reshape(-1, size)
-            step = np.linalg.solve(rows.normal + stiffness, rows.right - rows.normal @ y - pull)
-            strain = float(np.abs(flat @ step).max())
-            if not np.isfinite(strain):
+            found = self._forces(y, last.past)
+            A, right = found.equation(seen, y, push)
+            if B.shape[1]:
+                other = self._forces(alone, last.past).equation(floating, alone, push)
+                steps = _together((A, right), other, B, B.T @ (alone - y))
+            else:
+                steps = (np.linalg.solve(A, right),) * 2 + (push,)
+            before, strains = strains, [float(np.abs(flat @ s).max()) for s in steps[:2]]
+            if not np.isfinite(strains).all():
                 raise ValueError(
                     "no motion inside the body passes through the points of its surface"
                 )
-            settled = strain < CLOSE
-            y = y + min(1.0, LONGEST / max(strain, LONGEST)) * step
-            if settled:
+            shares = [_share(now, then) for now, then in zip(strains, before, strict=True)]
+            y, alone = y + shares[0] * steps[0], alone + shares[1] * steps[1]
+            push = push + min(shares) * steps[2]
+            if max(strains) < CLOSE:
                 break
-        return Held(y, rows, Past(F, elastic), stiffness, pull, settled)
+        stiffness = found.slope - _borne(B, floating.normal + found.slope)
+        left, settled = found.left - push, max(strains) < CLOSE
+        return Held(y, alone, push, seen, found.past, stiffness, left, settled)
+
+
+Equation = tuple[np.ndarray, np.ndarray]
+
+
+def _share(strain: float, before: float) -> float:
+    """Of a step, by what it and the last one change the deformation gradients."""
+    return min(1.0, LONGEST / max(strain, LONGEST)) * (0.5 if strain > SLOW * before else 1.0)
+
+
+def _together(
+    one: Equation, other: Equation, B: np.ndarray, apart: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Steps of two states, and of the push on both that brings them together along B."""
+    (A, a), (C, c) = one, other
+    size = len(a)
+    like = float(np.trace(A)) / size  # so that all entries are alike in size
+    B, apart = like * B, like * apart
+    none = np.zeros_like(A)
+    corner = np.zeros((B.shape[1],) * 2)
+    whole = np.block([[A, none, -B], [none, C, -B], [B.T, -B.T, corner]])
+    found = np.linalg.solve(whole, np.concatenate([a, c, apart]))
+    return found[:size], found[size : 2 * size], B @ found[2 * size :]
+
+
+def _borne(B: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """The stiffness that pushes along B take over, shape [size, size]."""
+    if not B.shape[1]:
+        return np.zeros_like(K)
+    return np.asarray(B @ np.linalg.solve(B.T @ np.linalg.solve(K, B), B.T))

@@ -139,11 +139,11 @@ def _whitening(recording: Recording, used: np.ndarray, noise: float) -> np.ndarr
 def _frames(statics: Statics, seen: Seen) -> list[Held]:
     """Every frame after the one before it."""
     D = seen.whitening @ statics.values(seen.X)
-    own = [hold.rows(statics, seen.sticks) for hold in seen.holds]
+    own = [hold.grip(statics, seen.sticks) for hold in seen.holds]
     last, found = statics.rest, []
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
-        last = statics.held(sum((hold(n) for hold in own), rows), last)
+        last = statics.held(rows, [grip for hold in own if (grip := hold(n))], last)
         found.append(last)
     lost = sum(not frame.settled for frame in found)
     if lost > UNSETTLED * len(found):
@@ -182,9 +182,8 @@ def _sunk(statics: Statics, seen: Seen) -> Seen:
     size = float(np.max(statics.body.high - statics.body.low))
     x, X = seen.X, seen.X
     rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
-    for hold in seen.holds:
-        rows = rows + hold.rows(statics, seen.sticks)(0)
-    y = statics.held(rows, statics.rest).y
+    own = [hold.grip(statics, seen.sticks)(0) for hold in seen.holds]
+    y = statics.held(rows, [grip for grip in own if grip], statics.rest).y
     for _ in range(SAGS):
         X = x - statics.values(X) @ y
     return replace(seen, X=X, u=seen.u + (x - X))

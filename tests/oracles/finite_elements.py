@@ -21,7 +21,7 @@ u = (t - t_k)/(t_k+1 - t_k). Nothing else moves the body and nothing but plastic
 The press is solved on the quarter x, y > 0 and the strip on the half y > 0, mirrored.
 
 Files: CASE.npz with time (T), p_WQ (T, P, 3), p_reference (P, 3; uniform over the whole
-stress-free body), gravity, density, and at every step pose_<tool>_value (S, 4, 4) and, but for the
+stress-free body, or on a lattice), gravity, density, and at every step pose_<tool>_value (S, 4, 4) and, but for the
 clamp, force_<tool>_value (S, 3): the force of the material on the tool, each beside its _time (S).
 contact_pusher (S, 3) is the force-weighted point of contact, NaN without one. CASE.json holds
 geometry, contact and law, CASE.truth.json the parameters.
@@ -183,11 +183,21 @@ def drawn(box, count, seed, face=None):
     return points
 
 
+def filled(box, spacing):
+    """Positions [m] in the middles of equal cells of about ``spacing`` [m] that fill box (2, 3)."""
+    counts = np.maximum(1, np.round((box[1] - box[0]) / spacing)).astype(int)
+    middles = [(np.arange(n) + 0.5) / n for n in counts]
+    grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3)
+    return box[0] + grid * (box[1] - box[0])
+
+
 def run(case, args, level, h):
     """The run of ``case`` on a mesh level with steps of h [s], and its solver."""
     solver = prepared(case, level, gravity=args.gravity)
     box, knots = (STRIP, BEND) if case.startswith("bend") else (BLOCK, PRESS)
     points = drawn(box, args.points, args.seed, args.face)
+    if args.lattice:
+        points = filled(box, args.lattice)
     found = simulate(solver, points, end=knots[-1, 0], fps=args.fps, h=h)
     return found | {"reference": points}, solver
 
@@ -261,6 +271,7 @@ def main():
     parser.add_argument("case", choices=PARAMETERS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--face", choices=[a + s for a in "xyz" for s in "-+"])
+    parser.add_argument("--lattice", type=float, help="spacing [m] of points that fill the body")
     parser.add_argument("--out", type=Path, default=Path())
     parser.add_argument("--mesh", choices=LEVELS, default="medium")
     parser.add_argument("--points", type=int, default=400)

@@ -1,0 +1,153 @@
+"""Probes seen by two cameras, from rendered pictures to the law, against what was simulated.
+
+Motions are those of ``bench probes``, with all particles: pictures of them are rendered, tracked and
+identified from. Beside each answer stands that to exact tracks of some particles of the same motion.
+Then motions of finite elements, pictures as large and as quiet as the paper's, and one disturbance
+after another at growing levels.
+"""
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
+from form_drake.bench.oracles import ORACLES
+from form_drake.bench.perception_sweeps import SWEEPS, Level
+from form_drake.bench.perception_tables import GOALS, table
+from form_drake.bench.perception_views import Views
+from form_drake.bench.probes import NAMED, SPECIMENS, planned_cases
+from form_drake.bench.probes_motions import code, errors
+from form_drake.identify import Identification, Unidentifiable, identify
+from form_drake.material import Material, checked_values
+from form_drake.records import Recording
+
+PAPER = {  # 1280 x 1280 pixels, 100 frames a second, grey noise 0.5, focal length [px]
+    name: (
+        "stereo.size=[1280, 1280]",
+        "stereo.rate=100",
+        "stereo.noise=0.5",
+        f"stereo.focus={focus}",
+    )
+    for name, focus in {"press": 4800, "bend": 3800}.items()
+}
+FINITE = ("press-a", "bend-touching-a")
+SWEPT = ("press_a", "bend_a")
+EXACT = 400  # particles of exact tracks
+SECONDS = {"press": 300.0, "bend": 240.0}  # of pictures, tracks and answer
+TIMES_PAPER = 4.0
+
+__all__ = ["planned", "run_perception", "table"]
+
+
+def from_pictures(views: Views, name: str, made: tuple[str, ...], level: Level) -> dict[str, Any]:
+    """Errors of the answer to what the cameras see."""
+    from form_drake.systems.scenario import load_scenario
+
+    true = load_scenario(name, made).specimen.made()
+    seen = views.tracks(name, made, level.look, level.kept, _called(level))
+    return _answered(level.edit(seen), true)
+
+
+def beside_exact(views: Views, name: str, made: tuple[str, ...]) -> dict[str, Any]:
+    """The same, and errors of the answer to exact tracks of the same motion."""
+    from form_drake.systems.scenario import load_scenario
+
+    scenario = load_scenario(name, made)
+    particles = views.particles(name, made, scenario.stereo.rate)
+    chosen = np.sort(np.random.default_rng(0).choice(particles.points, EXACT, replace=False))
+    exact = replace(
+        particles, p_WQ=particles.p_WQ[:, chosen], p_reference=particles.reference[chosen]
+    )
+    beside = _errors(lambda: identify(exact, method="weak"), scenario.specimen.made())
+    return {**from_pictures(views, name, made, Level()), "exact": beside}
+
+
+def from_finite_elements(views: Views, case: str) -> dict[str, Any]:
+    """Errors of the answer to pictures of a finite element motion."""
+    from form_drake.bench.perception_views import SHOWN_AS
+    from form_drake.systems.scenario import load_scenario
+
+    seen, values = views.finite(case)
+    law = load_scenario(SHOWN_AS[case.split("-")[0]]).specimen.made().law
+    return _answered(seen, Material(law, checked_values(law, values)))
+
+
+def _called(level: Level) -> str:
+    """Of the frames that a level leaves."""
+    return "".join("01"[level.kept(n)] for n in range(1000))
+
+
+def _answered(seen: Recording, true: Material) -> dict[str, Any]:
+    begun = time.perf_counter()
+    held = 1.0 if seen.valid is None else float(seen.valid.mean())
+    return {
+        **_errors(lambda: identify(seen, method="weak"), true),
+        "points": seen.points,
+        "frames": seen.frames,
+        "held": held,
+        "noise_um": 1e6 * (seen.noise or 0.0),
+        "seconds": time.perf_counter() - begun,
+    }
+
+
+def _errors(answered: Callable[[], Identification], true: Material) -> dict[str, Any]:
+    try:
+        answer = answered()
+    except (Unidentifiable, ValueError) as refusal:
+        return {"errors": {}, "refused": str(refusal)}
+    passes = answer.details.get("passes_inside")
+    return {"errors": errors(answer, true), **({} if passes is None else {"passes": passes})}
+
+
+Cases = dict[str, Callable[[], dict[str, Any]]]
+
+
+def planned(views: Views, specimens: int) -> tuple[Cases, dict[str, float]]:
+    """Cases by name, and how many seconds each is expected to take."""
+    cases: Cases = {}
+    expected: dict[str, float] = {}
+
+    def add(name: str, probe: str, times: float, run: Callable[..., Any], *given: Any) -> None:
+        cases[name] = partial(run, views, *given)
+        expected[name] = times * SECONDS[probe]
+
+    for case, (name, made) in planned_cases(specimens).items():
+        add(f"stereo/{case}", name.split("_")[0], 1.3, beside_exact, name, made)
+    if (ORACLES / "finite_elements.py").is_file():
+        for case in FINITE:
+            add(f"fe/{case}", case.split("-")[0], 1.5, from_finite_elements, case)
+    for name in NAMED:
+        probe = name.split("_")[0]
+        level = Level(look=PAPER[probe])
+        add(f"paper/{name}", probe, TIMES_PAPER, from_pictures, name, (), level)
+    for kind, levels in SWEEPS.items():
+        for name in SWEPT:
+            for value, level in levels.items():
+                case = f"sweep/{_plain(kind)}/{value}/{name}"
+                add(case, name.split("_")[0], 1.0, from_pictures, name, (), level)
+    return cases, expected
+
+
+def _plain(kind: str) -> str:
+    """A name for files and ``--only``: the first words, without the unit."""
+    return re.sub(r" \[.*", "", kind).replace(" ", "-")
+
+
+def run_perception(
+    *, store: Path, only: tuple[str, ...] = (), specimens: int = SPECIMENS
+) -> dict[str, Any]:
+    """All cases; see the module's text.
+
+    Raises:
+        ValueError: ``only`` leaves nothing.
+    """
+    cases, expected = planned(Views(store.parent / "motions"), specimens)
+    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"), *ORACLES.glob("*.py"))
+    found = run_cases(cases, store=store, mark=mark + code()[:8], estimates=expected, only=only)
+    return {"bench": "perception", "cases": found, "goals": GOALS}

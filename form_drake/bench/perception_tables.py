@@ -1,0 +1,122 @@
+"""The result of the bench of perception as plain tables."""
+
+from typing import Any
+
+import numpy as np
+
+GOALS: dict[str, Any] = {  # sizes of errors [%], share of true values in 90 % intervals
+    "named": 0.7,
+    "fe": 0.7,
+    "median": 1.0,
+    "worst": 3.0,
+    "coverage_90": (0.8, 0.98),
+    "broken": 3.0,
+}
+LOST = 0.5  # share of the points in all frames
+NORMAL_90 = 1.645
+PAPER = {
+    "bend_a": {"E": 0.76},
+    "bend_b": {"E": 3.38},
+    "press_a": {"E": 0.99, "tau_y": 1.5},
+    "press_b": {"E": 1.7, "tau_y": 1.8},
+}
+TITLES = {
+    "stereo": "from pictures, and from exact tracks of the same motion: error [%] ± 1.96 std",
+    "fe": "finite element motions from pictures: error [%] ± 1.96 std",
+    "paper": "pictures as large and quiet as the paper's, and the paper's error [%]",
+    "sweep": "disturbed: error [%]",
+}
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as plain tables, one for each kind of case that was run."""
+    lines = {"stereo": _stereo, "fe": _finite, "paper": _paper, "sweep": _swept}
+    blocks = []
+    for kind, title in TITLES.items():
+        own = {n.split("/", 1)[1]: r for n, r in result["cases"].items() if n.split("/")[0] == kind}
+        if own:
+            blocks.append("\n".join([title, *lines[kind](own)]))
+    return "\n\n".join(blocks)
+
+
+def _cells(found: dict[str, Any]) -> str:
+    if not found["errors"]:
+        return f"refused: {found['refused']}"
+    return "  ".join(
+        f"{k} {e['error']:+.2f} ± {1.96 * e['std']:.2f}" for k, e in found["errors"].items()
+    )
+
+
+def _met(size: float, goal: float) -> str:
+    return f"{'met' if size <= goal else 'MISSED'} (goal {goal:g})"
+
+
+def _largest(found: dict[str, Any]) -> float:
+    return max((abs(e["error"]) for e in found["errors"].values()), default=np.inf)
+
+
+def _stereo(own: dict[str, Any]) -> list[str]:
+    lines = []
+    for name, r in own.items():
+        goal = "" if "-" in name else f"  {_met(_largest(r), GOALS['named'])}"
+        lines.append(
+            f"{name:9}{r['points']:>5}{100 * r['held']:>7.1f} %{r['noise_um']:>6.2f} um"
+            f"{r['seconds']:>7.1f} s  {_cells(r):<40} exact: {_cells(r['exact'])}{goal}"
+        )
+    for probe in ("press", "bend"):
+        lines += _specimens(probe, [r for n, r in own.items() if n.startswith(f"{probe}-")])
+    return lines
+
+
+def _specimens(probe: str, drawn: list[dict[str, Any]]) -> list[str]:
+    """Median, worst and coverage over the drawn specimens; one that is refused counts as endless."""
+    keys = sorted({k for r in drawn for k in r["errors"]})
+    lines = []
+    for key in keys:
+        sizes = [abs(r["errors"][key]["error"]) if r["errors"] else np.inf for r in drawn]
+        held = [
+            abs(r["errors"][key]["error"]) <= NORMAL_90 * r["errors"][key]["std"]
+            for r in drawn
+            if r["errors"]
+        ]
+        median, worst, share = float(np.median(sizes)), max(sizes), float(np.mean(held))
+        low, high = GOALS["coverage_90"]
+        lines.append(
+            f"{probe} {key}, {len(drawn)} specimens: median {median:.2f} {_met(median, GOALS['median'])},"
+            f" worst {worst:.2f} {_met(worst, GOALS['worst'])}, 90 % intervals hold {100 * share:.0f} %"
+            f" {'met' if low <= share <= high else 'MISSED'} (goal {100 * low:.0f} to {100 * high:.0f})"
+        )
+    return lines
+
+
+def _finite(own: dict[str, Any]) -> list[str]:
+    return [
+        f"{name:16}{r['seconds']:>7.1f} s  {_cells(r)}  {_met(_largest(r), GOALS['fe'])}"
+        for name, r in own.items()
+    ]
+
+
+def _paper(own: dict[str, Any]) -> list[str]:
+    return [
+        f"{name:9}{r['points']:>5}{r['frames']:>5}{r['seconds']:>7.1f} s  {_cells(r)}  paper: "
+        + "  ".join(f"{k} {e}" for k, e in PAPER[name].items())
+        for name, r in own.items()
+    ]
+
+
+def _swept(own: dict[str, Any]) -> list[str]:
+    """Each disturbance's levels, and the first at which its answer is broken."""
+    groups: dict[tuple[str, str], list[tuple[str, dict[str, Any]]]] = {}
+    for name, r in own.items():
+        kind, level, probe = name.split("/")
+        groups.setdefault((kind, probe), []).append((level, r))
+    lines = []
+    for (kind, probe), levels in groups.items():
+        lines += [
+            f"{kind:16}{probe:9}{level:>6}{100 * r['held']:>7.1f} % held  {_cells(r)}"
+            for level, r in levels
+        ]
+        broken = [level for level, r in levels if _largest(r) > GOALS["broken"] or r["held"] < LOST]
+        told = f"from {broken[0]} on" if broken else f"not up to {levels[-1][0]}"
+        lines.append(f"{kind:16}{probe:9}broken {told}")
+    return lines

@@ -1,0 +1,152 @@
+"""Tracks from rendered pictures of simulated probes, kept from one run of the bench to the next."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from form_drake.bench import oracles
+from form_drake.bench.probes_motions import Motions, code
+from form_drake.files import read_mapping
+from form_drake.perceive.pictures import Pictures
+from form_drake.perceive.seen import completed, tracked
+from form_drake.records import Recording, Stream, read, write_recording
+
+if TYPE_CHECKING:
+    from form_drake.systems.scenario import Scenario
+
+PHOTOGRAPH = "form_drake.systems.pictures"
+TRACK = "form_drake.perceive.seen"
+LATTICE = 1.25e-3  # [m] between points of a finite element motion that are shown
+SHOWN_AS = {"press": "press_a", "bend": "bend_a"}  # cameras of a finite element motion
+
+Kept = Callable[[int], bool]
+
+
+def every(frame: int) -> bool:
+    """All frames are seen."""
+    return True
+
+
+@dataclass(frozen=True)
+class Views:
+    """What two cameras see of probes.
+
+    Attributes:
+        folder: of simulated motions and of tracks.
+    """
+
+    folder: Path
+
+    def particles(self, name: str, made: tuple[str, ...], rate: float) -> Recording:
+        """All particles of a simulated probe at the cameras' rate."""
+        every_one = ("measure.points=0", "measure.noise=0", f"measure.rate={rate}")
+        return Motions(self.folder).recording(name, (*made, *every_one))
+
+    def tracks(
+        self,
+        name: str,
+        made: tuple[str, ...] = (),
+        look: tuple[str, ...] = (),
+        kept: Kept = every,
+        called: str = "",
+    ) -> Recording:
+        """Points of the face that a scenario's cameras see.
+
+        Args:
+            name: of the scenario.
+            made: changes of the specimen.
+            look: changes of the cameras.
+            kept: frames of which there are pictures.
+            called: name of ``kept``.
+        """
+        from form_drake.systems.scenario import load_scenario, scenario_text
+
+        text = scenario_text(name, (*made, *look)) + called
+        scenario = load_scenario(name, (*made, *look))
+
+        def moved() -> Recording:
+            return self.particles(name, made, scenario.stereo.rate)
+
+        return self._kept(text, scenario, moved, kept)
+
+    def finite(self, case: str) -> tuple[Recording, dict[str, float]]:
+        """Points of the face of a finite element motion, and the true values."""
+        from form_drake.systems.scenario import load_scenario, scenario_text
+
+        name = SHOWN_AS[case.split("-")[0]]
+        scenario = load_scenario(name)
+        digest = hashlib.sha256()
+        for path in sorted(oracles.ORACLES.glob("finite*.py")):
+            digest.update(path.read_bytes())
+        folder = self.folder / f"finite-{digest.hexdigest()[:12]}"
+        truth = folder / f"{case}.truth.json"
+        rate = scenario.stereo.rate
+        if not truth.is_file():
+            words = ["--lattice", str(LATTICE), "--fps", f"{rate:.0f}", "--out", folder]
+            hangs = ["--gravity"] * case.startswith("bend")
+            oracles.run("finite_elements.py", case, *words, *hangs)
+        text = scenario_text(name) + case + digest.hexdigest()
+        found = self._kept(text, scenario, lambda: _placed(folder / case, scenario), every)
+        return found, read_mapping(truth)
+
+    def _kept(
+        self, text: str, scenario: "Scenario", moved: Callable[[], Recording], kept: Kept
+    ) -> Recording:
+        made_by = code() + code(begin=PHOTOGRAPH) + code(begin=TRACK)
+        mark = hashlib.sha256((text + made_by).encode()).hexdigest()[:16]
+        path = self.folder / f"tracks-{mark}.h5"
+        if not path.is_file():
+            write_recording(_looked(scenario, moved(), kept), path)
+        return read(path)
+
+
+def _looked(scenario: "Scenario", particles: Recording, kept: Kept) -> Recording:
+    """Render, leave out frames, track."""
+    from form_drake.systems.pictures import (
+        beside_pictures,
+        frames_a_second,
+        rig_of,
+        write_pictures,
+    )
+
+    rig = rig_of(scenario, frames_a_second(particles))
+    probe = beside_pictures(particles, scenario.stereo.symmetry)
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        write_pictures(folder, scenario, rig, particles)
+        for n in range(particles.frames):
+            if n and not kept(n):
+                for path in folder.glob(f"*_{n:05d}.png"):
+                    path.unlink()
+        pictures = Pictures.found([folder], list(rig.cameras))
+        return completed(tracked(rig, pictures, float(probe.time[0])), probe)
+
+
+def _placed(path: Path, scenario: "Scenario") -> Recording:
+    """A finite element motion where the scenario's cameras look, with what is stated of it."""
+    from form_drake.systems.station import specimen_corners
+
+    made = oracles.recorded(path)
+    bent = path.name.startswith("bend")
+    geometry = oracles.BENT["geometry"] if bent else made.geometry
+    low = np.array([float(v) for v in str(geometry["low"]).split()])
+    shift = specimen_corners(scenario)[0] - low
+    poses = {}
+    for tool in made.forces:
+        stream = made.poses[tool]
+        X = stream.value.copy()
+        X[:, :3, 3] += shift
+        poses[tool] = Stream(stream.time, X)
+    return replace(
+        made,
+        p_WQ=made.p_WQ + shift,
+        p_reference=made.reference + shift,
+        poses=poses,
+        known={"nu": scenario.specimen.material["nu"]},
+        **({"contact": oracles.BENT["contact"]} if bent else {}),
+    )

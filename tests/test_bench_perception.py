@@ -1,0 +1,99 @@
+"""The bench of perception: its cases, disturbances and tables; what it runs is tested with the pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from form_drake import Recording, Stream
+from form_drake.bench.perception import FINITE, SWEPT, planned, table
+from form_drake.bench.perception_sweeps import SWEEPS, delayed, dropped, misstated, occluded
+from form_drake.bench.perception_views import Views
+from form_drake.bench.probes import NAMED
+from form_drake.systems.scenario import load_scenario
+
+CLOCK = np.linspace(0.0, 1.0, 20)
+
+
+@pytest.fixture
+def face():
+    """Points of a face at x = 0, still."""
+    y, z = np.meshgrid(np.linspace(0.0, 0.02, 10), np.linspace(0.0, 0.02, 10))
+    X = np.stack([np.zeros(100), y.ravel(), z.ravel()], axis=1)
+    return Recording.from_arrays(
+        CLOCK,
+        np.tile(X, (20, 1, 1)),
+        forces={"plate": Stream(CLOCK, np.ones((20, 3)))},
+        known={"nu": 0.3},
+    )
+
+
+def test_cases_have_names_of_files_and_an_estimate(tmp_path):
+    cases, expected = planned(Views(tmp_path), 10)
+    assert set(cases) == set(expected) and min(expected.values()) > 0.0
+    kinds = [name.split("/")[0] for name in cases]
+    assert kinds.count("stereo") == len(NAMED) + 20 and kinds.count("paper") == len(NAMED)
+    assert kinds.count("fe") == len(FINITE)
+    assert kinds.count("sweep") == len(SWEPT) * sum(map(len, SWEEPS.values()))
+    assert not any(set(name) & set(" []") for name in cases)
+
+
+def test_looks_are_changes_that_scenarios_take():
+    for levels in SWEEPS.values():
+        for level in levels.values():
+            load_scenario("press_a", level.look)
+    assert load_scenario("press_a", SWEEPS["noise [x 2 grey values]"]["5"].look).stereo.noise == 10
+
+
+def test_occlusion_hides_a_corner_for_half_of_the_time(face):
+    valid = occluded(0.2)(face).valid
+    hidden = ~valid
+    assert hidden.any(axis=1).sum() == 10 and not hidden[0].any() and not hidden[-1].any()
+    assert hidden.any(axis=0).mean() == pytest.approx(0.2)
+    seen_before = replace(face, valid=np.ones((20, 100), dtype=bool) & (np.arange(100) > 0))
+    assert not occluded(0.2)(seen_before).valid[:, 0].any()
+
+
+def test_a_delay_and_a_wrong_ratio_change_what_is_stated_alone(face):
+    late = delayed(5e-3)(face)
+    assert np.allclose(late.forces["plate"].time - CLOCK, 5e-3)
+    assert np.array_equal(late.time, face.time)
+    assert misstated(-0.05)(face).known == {"nu": pytest.approx(0.25)}
+
+
+def test_dropped_frames_are_the_same_in_every_run():
+    kept = [dropped(0.2)(n) for n in range(1000)]
+    assert kept == [dropped(0.2)(n) for n in range(1000)]
+    assert np.mean(kept) == pytest.approx(0.8, abs=0.05)
+    every_other = SWEEPS["one frame in"]["2"].kept
+    assert [every_other(n) for n in range(4)] == [True, False, True, False]
+
+
+def found(error, std=0.5, held=1.0):
+    return {
+        "errors": {"E": {"error": error, "std": std}} if error is not None else {},
+        "refused": "too dark",
+        "points": 400,
+        "frames": 100,
+        "held": held,
+        "noise_um": 1.0,
+        "seconds": 10.0,
+    }
+
+
+def test_tables_say_what_is_met_and_where_it_breaks():
+    exact = {"exact": {"errors": {"E": {"error": 0.1, "std": 0.1}}}}
+    cases = {f"stereo/bend-{n}": {**found(e), **exact} for n, e in enumerate([0.5, -0.6, 4.0])}
+    cases["stereo/bend_a"] = {**found(-0.62), **exact}
+    cases["fe/bend-touching-a"] = found(0.8)
+    cases["paper/bend_a"] = found(0.3)
+    for level, error in {"1": 0.5, "2": -3.5, "3": None}.items():
+        cases[f"sweep/blur/{level}/bend_a"] = found(error)
+    cases["sweep/noise/20/bend_a"] = found(0.1, held=0.4)
+    cases["sweep/nu/1/bend_a"] = found(0.1)
+    told = table({"cases": cases})
+    assert "median 0.60 met (goal 1), worst 4.00 MISSED (goal 3), 90 % intervals hold 67 %" in told
+    assert "bend_a" in told and "E -0.62 ± 0.98" in told and "met (goal 0.7)" in told
+    assert "MISSED (goal 0.7)" in told and "paper: E 0.76" in told
+    assert "broken from 2 on" in told and "broken from 20 on" in told and "not up to 1" in told
+    assert "refused: too dark" in told
