@@ -36,6 +36,7 @@ BENCHES = (
     "rubber",
     "weak-form",
     "probes",
+    "perception",
     "deformable",
 )
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {

@@ -10,11 +10,13 @@ from form_drake.bench.oracles import recorded, run
 from form_drake.files import read_mapping
 from form_drake.interior import Resistance, Seen
 from form_drake.interior.resistance import Past
+from form_drake.interior.rub import Rub, Rubbed
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.motion import Sampling, body
 from form_drake.motion.body import FACES
 from form_drake.motion.space import Symmetry
+from form_drake.weak.choice import told_apart
 
 LOW, HIGH = np.array([-0.015, -0.015, 0.0]), np.array([0.015, 0.015, 0.025])
 POISSON, NOISE = 0.3, 1e-6
@@ -80,6 +82,42 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     fit = replace(Seen.of(made, body(made)), sd=100.0 * NOISE).fit(resistance)
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
+
+
+def test_windows_in_which_a_body_stands_still_count_once():
+    X = on_face(0, 1)
+    share = np.interp(np.arange(48), [0, 16, 32, 47], [0.0, 0.0, 1.0, 1.0])
+    lam = 1.0 - 0.05 * (1.0 - np.cos(np.pi * share))
+    made = block(
+        np.stack([stretched(X, f) for f in lam]),
+        X,
+        face=1,
+        contact={"z-": "frictionless floor", "other": "free"},
+        p_reference=X,
+    )
+    fit = Seen.of(made, body(made)).fit(Resistance.plain(POISSON))
+    begin = np.arange(0.0, 0.9, 0.05)
+    ends = np.stack([begin, begin + 0.1], axis=1)
+    middle = told_apart(ends, made, fit).mean(axis=1)
+    assert 16 / 47 < middle[0] <= 0.45  # after it has begun to move
+    assert middle[-1] <= 32 / 47 + 0.05  # and one after it has stopped
+    assert np.allclose(np.diff(middle), 0.05)
+
+
+def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then():
+    along, inward = np.eye(2)[None], np.array([[1.0, 0.0]])
+    rub = Rub(face=0, along=along, inward=inward, friction=0.3)
+    before = Rubbed(np.array([[5.0, 0.0]]), np.array([10.0]))
+    left, _, force = rub.answer(np.array([0.0, -1e-9]), before)
+    assert np.allclose(force, [[5.0, 1.0]]) and np.allclose(left, -force[0])
+    step = np.array([-3e-8, -4e-8])
+    left, slope, force = rub.answer(step, before)
+    assert np.linalg.norm(force) == pytest.approx(10.0)  # the way it is pushed, no harder
+    assert force[0, 1] / force[0, 0] == pytest.approx(40.0 / 35.0)
+    ends = [rub.answer(step + d, before)[0] for d in 1e-12 * np.eye(2)]
+    assert np.allclose(slope, (np.array(ends) - left).T / 1e-12, rtol=1e-3, atol=1e3)
+    assert rub.after(force, np.array([20.0, 0.0])).most == pytest.approx([6.0])
+    assert rub.after(force, np.array([-20.0, 0.0])).most == pytest.approx([0.0])
 
 
 def test_a_body_that_sags_is_found_free_of_stress():
@@ -171,6 +209,13 @@ def test_one_face_of_a_bent_strip_gives_its_stiffness(tmp_path):
         identify(replace(made, face=None))
     with pytest.raises(ValueError, match="newtonian does not resist shear at rest"):
         identify(replace(made, known={}), "newtonian")
+
+
+def test_a_face_that_is_stated_bonded_and_slides_freely_has_no_friction():
+    X = on_face(0, 1, 60)
+    u = np.stack([stretched(X, f) for f in np.linspace(1.0, 0.9, 8)])
+    made = block(u, X, face=1, contact={"z-": "bonded floor", "other": "free"}, p_reference=X)
+    assert Seen.of(made, body(made)).friction(Resistance.plain(POISSON)) < 0.02
 
 
 def test_one_face_of_a_pressed_block_gives_stiffness_and_yield(tmp_path):

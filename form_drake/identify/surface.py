@@ -21,6 +21,7 @@ from form_drake.records import Recording
 from form_drake.weak.ready import probe_body
 
 PASSES = 8
+RUBBED = 2  # passes with a law in which friction is looked for
 SETTLED = 0.2  # of a standard deviation, by which values may lie off those that agree
 LEAST = 1e-3  # of a value, the same
 LONGEST = 5.0  # times a change, by which values may step
@@ -55,17 +56,24 @@ def balanced_inside(
     def surface(n: int, symmetric: bool) -> Seen:
         return Seen.of(recordings[n], body(recordings[n]), symmetric=symmetric)
 
+    rubbed: dict[tuple[int, bool], float] = {}
+
     def reader(resistance: Resistance) -> Reader:
+        again = len(answers) <= RUBBED
+
         def read(recording: Recording, symmetric: bool = True) -> tuple[Body, Fit]:
             n = place[id(recording)]
             if not recording.on_surface:
                 return throughout(n, symmetric)
             seen = surface(n, symmetric)
-            return seen.body, seen.fit(resistance)
+            if again or (n, symmetric) not in rubbed:
+                rubbed[n, symmetric] = seen.friction(resistance)
+            return seen.body, seen.fit(resistance, rubbed[n, symmetric])
 
         return read
 
-    answers = [identified(weightless, reader(Resistance.plain(known.get("nu"))))]
+    answers: list[Identification] = []
+    answers.append(identified(weightless, reader(Resistance.plain(known.get("nu")))))
     assumed, before, length, settled = answers[0].material, None, 1.0, False
     while not settled and len(answers) < PASSES:
         answers.append(identified(recordings, reader(Resistance.of(assumed))))
@@ -75,7 +83,12 @@ def balanced_inside(
         settled = length * float(np.abs(change).max()) <= 1.0
         assumed, before = _ahead(assumed, found, length), change
     first = {k: v.value for k, v in answers[0].material.parameters().items()}
-    told = {"passes_inside": len(answers), "settled_inside": settled, "before_law_inside": first}
+    told = {
+        "passes_inside": len(answers),
+        "settled_inside": settled,
+        "before_law_inside": first,
+        "friction": [None if np.isinf(mu) else mu for mu in rubbed.values()],
+    }
     last = answers[-1]
     return replace(last, details={**last.details, **told}, seconds=sum(a.seconds for a in answers))
 

@@ -22,6 +22,7 @@ from form_drake.weak.choice import (
     chosen_pressure,
     chosen_windows,
     spaced,
+    told_apart,
     traction_free,
 )
 from form_drake.weak.probe import Probe
@@ -171,6 +172,8 @@ def _problem(
         ends = np.array(own.ends)
         if not own.ends:
             ends = chosen_windows(recording, law, own.window)
+            if recording.on_surface:
+                ends = told_apart(ends, recording, fit)
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not mirrored(fit, fields):
             # a field and its image would give one row twice

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from form_drake.interior.rub import Rub
 from form_drake.interior.statics import Grip, Rows, Statics
 from form_drake.motion import Body, Face
 from form_drake.records import Recording
@@ -36,7 +37,7 @@ class Hold:
         moved = None if self.moved is None else self.moved[frames]
         return replace(self, moved=moved, presses=self.presses[frames])
 
-    def grip(self, statics: Statics, sticks: bool) -> Callable[[int], Grip | None]:
+    def grip(self, statics: Statics, friction: float) -> Callable[[int], Grip | None]:
         """What it does in a frame; None while it does not press.
 
         A tool that presses keeps its face as it is but for rigid displacements: how it has moved is not
@@ -44,12 +45,13 @@ class Hold:
 
         Args:
             statics: of the body.
-            sticks: whether a bonded face sticks, or slides along its tool as others do.
+            friction: coefficient of a bonded face; infinite: it sticks.
         """
         X = statics.body.face_points(self.face, POINTS)
-        bonded = sticks and self.face.condition == "bonded"
-        axes = [0, 1, 2] if bonded else [self.face.axis]
-        D = statics.values(X)[:, axes]
+        bonded, axis = self.face.condition == "bonded", self.face.axis
+        axes = [0, 1, 2] if bonded and np.isinf(friction) else [axis]
+        every = statics.values(X)
+        D = every[:, axes]
         flat = D.reshape(-1, D.shape[-1])
         pushes = np.zeros((flat.shape[1], 0))
         targets = np.zeros((len(self.presses), len(flat)))
@@ -59,11 +61,15 @@ class Hold:
             flat = flat - U @ (U.T @ flat)
         else:
             targets = self.moved[..., axes].reshape(len(self.moved), -1)
-        whole = flat.T @ flat / EXACT**2
+        whole, rub = flat.T @ flat / EXACT**2, None
+        if bonded and 0.0 < friction < np.inf:
+            along = every[:, [a for a in range(3) if a != axis]]
+            inward = (1.0 - 2.0 * self.face.side) * every[:, axis]
+            rub = Rub(self.face.index, along, inward, friction)
 
         def grip(n: int) -> Grip | None:
             rows = Rows(whole, flat.T @ targets[n] / EXACT**2)
-            return Grip(rows, pushes) if self.presses[n] else None
+            return Grip(rows, pushes, rub) if self.presses[n] else None
 
         return grip
 

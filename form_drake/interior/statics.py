@@ -17,16 +17,16 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.interior.resistance import Past, Resistance
+from form_drake.interior.rub import Rub, Rubbed
 from form_drake.motion import Body
 from form_drake.motion.space import Space
 from form_drake.weak.ready import halved, quadrature_cells
 
 GAUSS = 3  # points along each axis of a cell
 TRUST = 1e-3  # strain to which the balance is trusted
-ROUNDS = 25  # of Newton's steps in a frame
+ROUNDS = 40  # of Newton's steps in a frame
 FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
 CLOSE = 1e-4  # change of a deformation gradient in a step, below which it is the last
-SLOW = 0.5  # share of the last step, above which the next is halved: it goes to and fro
 LONGEST = 0.2  # change of a deformation gradient in a step
 
 
@@ -68,10 +68,17 @@ class Grip:
         rows: of the displacements that it leaves, as if they had been seen.
         pushes: directions of forces on the coefficients that it may have beside those that keep the
             rows, orthonormal, shape [size, pushes].
+        rub: its friction; None: none.
     """
 
     rows: Rows
     pushes: np.ndarray
+    rub: Rub | None = None
+
+    def force(self, y: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """Of the tool on the coefficients [1/m], shape [size]."""
+        kept = self.rows.right - self.rows.normal @ y
+        return np.asarray(kept + self.pushes @ (self.pushes.T @ push))
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,7 @@ class Held:
         stiffness: that of the balance, as a normal matrix [1/m^2], shape [size, size].
         pull: forces that are left over, in the same units [1/m], shape [size].
         settled: whether the last step was small.
+        rubbed: what friction does, by the index of the face.
     """
 
     y: np.ndarray
@@ -97,6 +105,8 @@ class Held:
     stiffness: np.ndarray
     pull: np.ndarray
     settled: bool
+    rubbed: dict[int, Rubbed]
+    ahead: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -107,11 +117,13 @@ class Forces:
         left: forces that are left over [1/m], shape [size].
         slope: their derivative [1/m^2], shape [size, size].
         past: what the quadrature points have gone through then.
+        rubs: forces of friction along faces, by their index.
     """
 
     left: np.ndarray
     slope: np.ndarray
     past: Past
+    rubs: dict[int, np.ndarray]
 
     def equation(
         self, rows: Rows, y: np.ndarray, push: np.ndarray
@@ -157,6 +169,10 @@ class Statics:
         parts = [block.matrix(G[..., k]) for k in range(3)]
         return np.stack(parts, axis=2).reshape(len(X), 9, -1)
 
+    @cached_property
+    def _short(self) -> np.ndarray:
+        return self._slopes.astype(np.float32)
+
     def values(self, X: np.ndarray) -> np.ndarray:
         """Displacements at points [m] by the coefficients, shape [points, 3, size]."""
         (block,) = self.space.blocks
@@ -176,17 +192,26 @@ class Statics:
         """Before anything has moved."""
         size = self.space.size
         none, past = np.zeros(size), Past.none(len(self._quadrature[0]))
-        return Held(none, none, none, Rows.none(size), past, np.zeros((size, size)), none, True)
+        return Held(
+            none, none, none, Rows.none(size), past, np.zeros((size, size)), none, True, {}, none
+        )
 
-    def _forces(self, y: np.ndarray, past: Past) -> Forces:
+    def _forces(self, y: np.ndarray, grips: Sequence[Grip], last: Held) -> Forces:
         _, share = self._quadrature
         slopes = self._slopes
         flat, weigh = slopes.reshape(-1, self.space.size), share[:, None] / TRUST**2
         F = np.eye(3) + (flat @ y).reshape(-1, 3, 3)
-        P, slope, elastic = self.resistance.answer(F, past)
+        P, slope, elastic = self.resistance.answer(F, last.past)
         left = flat.T @ (weigh * P.reshape(-1, 9)).ravel() - self._load / TRUST**2
-        K = flat.T @ ((weigh[..., None] * slope) @ slopes).reshape(-1, self.space.size)
-        return Forces(left, K, Past(F, elastic))
+        short, size = self._short, self.space.size  # slopes need fewer digits
+        stiff = (weigh[..., None] * slope).astype(np.float32)
+        K = (short.reshape(-1, size).T @ (stiff @ short).reshape(-1, size)).astype(float)
+        rubs: dict[int, np.ndarray] = {}
+        for rub in (grip.rub for grip in grips if grip.rub):
+            before = last.rubbed.get(rub.face, rub.none)
+            more, slope, rubs[rub.face] = rub.answer(y - last.y, before)
+            left, K = left + more, K + slope
+        return Forces(left, K, Past(F, elastic), rubs)
 
     def held(self, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
         """The frame after ``last``.
@@ -204,13 +229,16 @@ class Statics:
         own = sum((grip.rows for grip in grips), Rows.none(size))
         seen, floating = own + rows, own + rows * FLOAT
         B = np.concatenate([np.zeros((size, 0)), *(grip.pushes for grip in grips)], axis=1)
-        y, alone = last.y, last.alone if B.shape[1] else last.y
-        push, strains = B @ (B.T @ last.push), [np.inf, np.inf]
+        y, alone = (
+            last.y + last.ahead,
+            last.alone + last.ahead if B.shape[1] else last.y + last.ahead,
+        )
+        push, strains, damped = B @ (B.T @ last.push), [np.inf, np.inf], [1.0, 1.0]
         for _ in range(ROUNDS):
-            found = self._forces(y, last.past)
+            found = self._forces(y, grips, last)
             A, right = found.equation(seen, y, push)
             if B.shape[1]:
-                other = self._forces(alone, last.past).equation(floating, alone, push)
+                other = self._forces(alone, grips, last).equation(floating, alone, push)
                 steps = _together((A, right), other, B, B.T @ (alone - y))
             else:
                 steps = (np.linalg.solve(A, right),) * 2 + (push,)
@@ -219,22 +247,28 @@ class Statics:
                 raise ValueError(
                     "no motion inside the body passes through the points of its surface"
                 )
-            shares = [_share(now, then) for now, then in zip(strains, before, strict=True)]
+            damped = [_damped(*each) for each in zip(damped, strains, before, strict=True)]
+            shares = [
+                d * min(1.0, LONGEST / max(strain, LONGEST))
+                for d, strain in zip(damped, strains, strict=True)
+            ]
             y, alone = y + shares[0] * steps[0], alone + shares[1] * steps[1]
             push = push + min(shares) * steps[2]
             if max(strains) < CLOSE:
                 break
         stiffness = found.slope - _borne(B, floating.normal + found.slope)
         left, settled = found.left - push, max(strains) < CLOSE
-        return Held(y, alone, push, seen, found.past, stiffness, left, settled)
+        rubs = [(grip.rub, grip.force(y, push)) for grip in grips if grip.rub]
+        rubbed = {rub.face: rub.after(found.rubs[rub.face], held) for rub, held in rubs}
+        return Held(y, alone, push, seen, found.past, stiffness, left, settled, rubbed, y - last.y)
 
 
 Equation = tuple[np.ndarray, np.ndarray]
 
 
-def _share(strain: float, before: float) -> float:
-    """Of a step, by what it and the last one change the deformation gradients."""
-    return min(1.0, LONGEST / max(strain, LONGEST)) * (0.5 if strain > SLOW * before else 1.0)
+def _damped(share: float, strain: float, before: float) -> float:
+    """The share of a step to take: half of the last one where that has not led as far as it should."""
+    return 0.5 * share if strain > (1.0 - 0.5 * share) * before else min(1.0, 1.2 * share)
 
 
 def _together(

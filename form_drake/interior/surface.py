@@ -1,5 +1,6 @@
 """The motion of a whole body from points on its surface, with the covariance of what is not seen."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +22,7 @@ from form_drake.records import Recording
 
 LOOKS = 12  # frames that stand for all, where not each is needed
 SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
+FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
@@ -42,7 +44,6 @@ class Seen:
         noise: standard deviation of a whitened coordinate [m].
         sd: error at left-out points, to which a motion must follow them [m].
         holds: what tools and supports say.
-        sticks: whether bonded faces stick to them, or slide.
         force: weight per volume [N/m^3], shape [3].
         bent: whether that has bent the body in the first frame, of which X is then made.
     """
@@ -57,7 +58,6 @@ class Seen:
     noise: float
     sd: float
     holds: tuple[Hold, ...]
-    sticks: bool
     force: np.ndarray
     bent: bool
 
@@ -83,7 +83,7 @@ class Seen:
         white = _whitening(recording, used, noise)
         space, held_out = chosen_cells(X, u, valid, white, body, noise, symmetry)
         gravity = np.zeros(3) if recording.gravity is None else np.asarray(recording.gravity, float)
-        found = cls(
+        return cls(
             body=body,
             space=space,
             X=X,
@@ -94,26 +94,51 @@ class Seen:
             noise=noise,
             sd=max(noise, held_out),
             holds=tuple(holds(recording, body)),
-            sticks=True,
             force=body.density * gravity,
             bent=recording.p_reference is None and bool(gravity.any()),
         )
-        return replace(found, sticks=_sticks(found))
 
     @cached_property
     def white(self) -> np.ndarray:
         """Whitened displacements [m], shape of u."""
         return np.einsum("pij,fpj->fpi", self.whitening, self.u, optimize=True)
 
-    def fit(self, resistance: Resistance) -> Fit:
+    def friction(self, resistance: Resistance) -> float:
+        """Coulomb's coefficient under bonded faces; infinite where they stick.
+
+        With it, balance alone comes nearest to the points, on the way to the largest displacement.
+        """
+        if not any(hold.face.condition == "bonded" for hold in self.holds):
+            return 0.0
+        statics, seen = self._statics(resistance)
+        return _friction(statics, seen)
+
+    def fit(self, resistance: Resistance, friction: float | None = None) -> Fit:
         """The motion of the whole body, as far as its material is known.
+
+        Args:
+            resistance: of the material.
+            friction: of bonded faces; None: as ``friction`` finds it.
 
         Raises:
             ValueError: no motion inside passes through the points.
         """
+        friction = self.friction(resistance) if friction is None else friction
+        statics, seen = self._statics(resistance)
+        frames = _frames(statics, seen, friction)
+        lost = sum(not frame.settled for frame in frames)
+        if lost > UNSETTLED * len(frames):
+            raise ValueError(
+                f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
+                f" {resistance.law.name} and passes through the points of its surface: are the faces held"
+                " as the recording states?"
+            )
+        return _fit(statics, seen, frames)
+
+    def _statics(self, resistance: Resistance) -> tuple[Statics, "Seen"]:
+        """Of the material, and what is seen from where it is free of stress."""
         statics = Statics(self.space, self.body, resistance, self.force)
-        seen = _sunk(statics, self) if self.bent and resistance.weighs else self
-        return _fit(statics, seen, _frames(statics, seen))
+        return statics, _sunk(statics, self) if self.bent and resistance.weighs else self
 
 
 def _covered(recording: Recording, symmetry: Symmetry) -> None:
@@ -136,45 +161,49 @@ def _whitening(recording: Recording, used: np.ndarray, noise: float) -> np.ndarr
     return np.asarray((axes * (noise / np.sqrt(size))[:, None]) @ axes.swapaxes(1, 2))
 
 
-def _frames(statics: Statics, seen: Seen) -> list[Held]:
+def _frames(statics: Statics, seen: Seen, friction: float) -> list[Held]:
     """Every frame after the one before it."""
     D = seen.whitening @ statics.values(seen.X)
-    own = [hold.grip(statics, seen.sticks) for hold in seen.holds]
+    own = [hold.grip(statics, friction) for hold in seen.holds]
     last, found = statics.rest, []
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
         last = statics.held(rows, [grip for hold in own if (grip := hold(n))], last)
         found.append(last)
-    lost = sum(not frame.settled for frame in found)
-    if lost > UNSETTLED * len(found):
-        raise ValueError(
-            f"in {lost} of {len(found)} frames no motion inside the body balances the forces of"
-            f" {statics.resistance.law.name} and passes through the points of its surface: are the"
-            " faces held as the recording states?"
-        )
     return found
 
 
-def _sticks(seen: Seen) -> bool:
-    """Whether bonded faces stick to their tools, or slide along them: what fits the points better."""
-    if not any(hold.face.condition == "bonded" for hold in seen.holds):
-        return False
+def _few(seen: Seen) -> Seen:
+    """Frames on the way to the largest displacement that stand for all."""
     size = np.linalg.norm(seen.u, axis=(1, 2))
     steps = np.linspace(0.0, size.max(), LOOKS + 1)[1:]
-    looks = np.unique([int(np.argmax(size >= step)) for step in steps])  # the way to the largest
-    few = replace(
-        seen,
-        u=seen.u[looks],
-        valid=seen.valid[looks],
-        holds=tuple(hold.at(looks) for hold in seen.holds),
-    )
-    statics = Statics(seen.space, seen.body, Resistance.plain(), seen.force)
+    looks = np.unique([int(np.argmax(size >= step)) for step in steps])
+    holds = tuple(hold.at(looks) for hold in seen.holds)
+    return replace(seen, u=seen.u[looks], valid=seen.valid[looks], holds=holds)
+
+
+def _friction(statics: Statics, seen: Seen) -> float:
+    few = _few(seen)
     D = seen.whitening @ statics.values(seen.X)
-    left = []
-    for sticks in (True, False):
-        last = _frames(statics, replace(few, sticks=sticks))[-1]
-        left.append(float(np.sum((few.white[-1] - D @ last.y)[few.valid[-1]] ** 2)))
-    return left[0] <= SLIDES * left[1]
+
+    def off(friction: float) -> float:
+        frames = _frames(statics, few, friction)
+        rest = [(few.white[n] - D @ f.alone)[few.valid[n]] for n, f in enumerate(frames)]
+        return float(sum(np.log(np.mean(r**2)) for r in rest))
+
+    sticking = off(np.inf)
+    sliding, friction = _least(off, FRICTIONS)
+    return np.inf if sticking <= sliding + len(few.u) * np.log(SLIDES) else friction
+
+
+def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
+    """The least value at even places, and where a parabola through it and its neighbours is least."""
+    values = [function(place) for place in places]
+    k = int(np.clip(np.argmin(values), 1, len(values) - 2))
+    left, here, right = values[k - 1 : k + 2]
+    bend, step = left - 2.0 * here + right, places[1] - places[0]
+    shift = 0.5 * (left - right) / bend if bend > 0.0 else float(np.sign(left - right))
+    return min(values), float(np.clip(places[k] + step * shift, places[0], places[-1]))
 
 
 def _sunk(statics: Statics, seen: Seen) -> Seen:
@@ -182,7 +211,7 @@ def _sunk(statics: Statics, seen: Seen) -> Seen:
     size = float(np.max(statics.body.high - statics.body.low))
     x, X = seen.X, seen.X
     rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
-    own = [hold.grip(statics, seen.sticks)(0) for hold in seen.holds]
+    own = [hold.grip(statics, np.inf)(0) for hold in seen.holds]
     y = statics.held(rows, [grip for grip in own if grip], statics.rest).y
     for _ in range(SAGS):
         X = x - statics.values(X) @ y

@@ -24,6 +24,7 @@ LONGEST, SHORTEST = 0.16, 0.08  # width of windows [s]: as a rule, and where mat
 FRAMES = 8  # fewest frames in a window
 STRIDE = 0.4  # of windows, as a share of their width, where that gives no more than
 MOST_ROWS = 2000
+STILL = 0.01  # of the largest displacement, below which a body stands still
 BESIDE = 0.05  # of a strip's length, kept clear beside the pusher's centre
 CELLS_ALONG = 8  # quadrature cells along a strip
 BENDS = ((0.0, 0.8), (0.05, 0.9), (0.1, 0.95))  # ramps as shares of what the pusher leaves
@@ -45,6 +46,28 @@ def chosen_windows(recording: Recording, law: Law, width: float | None) -> np.nd
     elif not 0.0 < width < np.inf:
         raise ValueError(f"window {width} s: a positive width is wanted")
     return even(0.0, last, width, STRIDE * width)
+
+
+def told_apart(ends: np.ndarray, recording: Recording, fit: Fit) -> np.ndarray:
+    """Windows between which the body moves, where the law itself has completed its motion.
+
+    What that gets wrong lasts for as long as the body stands still: windows that repeat it would outvote
+    those in which it moves. And a body that stands as it did at first was balanced by the law that is sought.
+
+    Args:
+        ends: of the windows [s], shape [windows, 2].
+        recording: of the body.
+        fit: its motion.
+    """
+    X, times = recording.reference, np.append(0.0, ends.mean(axis=1))
+    x = Sampling.of(fit, times, X, np.ones(len(X)), 1.0).motion(fit.c).x
+    far = STILL * np.sqrt(np.mean((x - x[0]) ** 2, axis=(1, 2))).max()
+    last, kept = 0, []
+    for n in range(1, len(x)):
+        if np.sqrt(np.mean((x[n] - x[last]) ** 2)) > far:
+            last = n
+            kept.append(n - 1)
+    return ends[kept] if kept else ends
 
 
 def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarray:
