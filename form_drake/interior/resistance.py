@@ -10,7 +10,8 @@ from form_drake.motion.motion import inverse
 from form_drake.weak.stress import elastic_part, unit_stresses
 
 STEP = 1e-6  # of a deformation gradient, by which slopes are taken
-PLAIN = "fixed-corotated"  # stands in while nothing is known of a law but Poisson's ratio
+PLAIN = "von-mises"  # stands in while nothing is known of a law but Poisson's ratio: Hencky's elasticity,
+NEVER = 1e9  # since this is where it yields, in shear moduli; it resists being folded
 POISSON = 0.4  # where that is not known either
 
 
@@ -51,7 +52,8 @@ class Resistance:
     def plain(cls, nu: float | None = None) -> "Resistance":
         """Elasticity with Poisson's ratio ``nu`` and no known modulus."""
         nu = POISSON if nu is None else nu
-        return cls(law_named(PLAIN), {"mu": 1.0, "lam": 2.0 * nu / (1.0 - 2.0 * nu)}, False)
+        values = {"mu": 1.0, "lam": 2.0 * nu / (1.0 - 2.0 * nu), "tau_y": NEVER}
+        return cls(law_named(PLAIN), values, False)
 
     @classmethod
     def of(cls, material: Material) -> "Resistance":
