@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from form_drake import Recording, Stream
-from form_drake.bench.perception import FINITE, SWEPT, planned, table
+from form_drake.bench.perception import FINITE, PAPER, SWEPT, planned, table
 from form_drake.bench.perception_sweeps import SWEEPS, delayed, dropped, misstated, occluded
 from form_drake.bench.perception_views import Views
 from form_drake.bench.probes import NAMED
@@ -42,6 +42,8 @@ def test_looks_are_changes_that_scenarios_take():
     for levels in SWEEPS.values():
         for level in levels.values():
             load_scenario("press_a", level.look)
+    for name in NAMED:
+        assert load_scenario(name, PAPER[name.split("_")[0]]).stereo.size == [1280, 1280]
     assert load_scenario("press_a", SWEEPS["noise [x 2 grey values]"]["5"].look).stereo.noise == 10
 
 

@@ -71,7 +71,8 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     mu, lame = 1.0 / (2.0 * (1.0 + POISSON)), POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     material = Material(law, {"mu": 1e4 * mu, "lam": 1e4 * lame, "tau_y": 1e9})
     resistance = Resistance.of(material)
-    fit = Seen.of(made, body(made)).fit(resistance)
+    looked = Seen.of(made, body(made))
+    fit = looked.fit(resistance)
     inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     wanted = np.stack([inside + stretched(inside, f) for f in lam])
@@ -79,7 +80,7 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     off = motion.F[-1] - np.diag([0.8**-POISSON, 0.8**-POISSON, 0.8])
     assert np.sqrt(np.mean(off**2)) < 6e-4
     # the plate pushes as it must: points that weigh next to nothing need not hold the block down
-    fit = replace(Seen.of(made, body(made)), sd=100.0 * NOISE).fit(resistance)
+    fit = replace(looked, sd=100.0 * NOISE).fit(resistance)
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 

@@ -20,7 +20,7 @@ from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
 from form_drake.bench.oracles import ORACLES
 from form_drake.bench.perception_sweeps import SWEEPS, Level
 from form_drake.bench.perception_tables import GOALS, table
-from form_drake.bench.perception_views import Views
+from form_drake.bench.perception_views import SHOWN_AS, Views
 from form_drake.bench.probes import NAMED, SPECIMENS, planned_cases
 from form_drake.bench.probes_motions import code, errors
 from form_drake.identify import Identification, Unidentifiable, identify
@@ -50,7 +50,7 @@ def from_pictures(views: Views, name: str, made: tuple[str, ...], level: Level) 
     from form_drake.systems.scenario import load_scenario
 
     true = load_scenario(name, made).specimen.made()
-    seen = views.tracks(name, made, level.look, level.kept, _called(level))
+    seen = views.tracks(name, made, level.look, level.kept)
     return _answered(level.edit(seen), true)
 
 
@@ -70,17 +70,11 @@ def beside_exact(views: Views, name: str, made: tuple[str, ...]) -> dict[str, An
 
 def from_finite_elements(views: Views, case: str) -> dict[str, Any]:
     """Errors of the answer to pictures of a finite element motion."""
-    from form_drake.bench.perception_views import SHOWN_AS
     from form_drake.systems.scenario import load_scenario
 
     seen, values = views.finite(case)
     law = load_scenario(SHOWN_AS[case.split("-")[0]]).specimen.made().law
     return _answered(seen, Material(law, checked_values(law, values)))
-
-
-def _called(level: Level) -> str:
-    """Of the frames that a level leaves."""
-    return "".join("01"[level.kept(n)] for n in range(1000))
 
 
 def _answered(seen: Recording, true: Material) -> dict[str, Any]:

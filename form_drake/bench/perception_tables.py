@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.bench.probes import NORMAL_90
+from form_drake.bench.probes_tables import met
+
 GOALS: dict[str, Any] = {  # sizes of errors [%], share of true values in 90 % intervals
     "named": 0.7,
     "fe": 0.7,
@@ -13,7 +16,6 @@ GOALS: dict[str, Any] = {  # sizes of errors [%], share of true values in 90 % i
     "broken": 3.0,
 }
 LOST = 0.5  # share of the points in all frames
-NORMAL_90 = 1.645
 PAPER = {
     "bend_a": {"E": 0.76},
     "bend_b": {"E": 3.38},
@@ -47,10 +49,6 @@ def _cells(found: dict[str, Any]) -> str:
     )
 
 
-def _met(size: float, goal: float) -> str:
-    return f"{'met' if size <= goal else 'MISSED'} (goal {goal:g})"
-
-
 def _largest(found: dict[str, Any]) -> float:
     return max((abs(e["error"]) for e in found["errors"].values()), default=np.inf)
 
@@ -58,7 +56,7 @@ def _largest(found: dict[str, Any]) -> float:
 def _stereo(own: dict[str, Any]) -> list[str]:
     lines = []
     for name, r in own.items():
-        goal = "" if "-" in name else f"  {_met(_largest(r), GOALS['named'])}"
+        goal = "" if "-" in name else f"  {met(_largest(r), GOALS['named'])}"
         lines.append(
             f"{name:9}{r['points']:>5}{100 * r['held']:>7.1f} %{r['noise_um']:>6.2f} um"
             f"{r['seconds']:>7.1f} s  {_cells(r):<40} exact: {_cells(r['exact'])}{goal}"
@@ -82,8 +80,8 @@ def _specimens(probe: str, drawn: list[dict[str, Any]]) -> list[str]:
         median, worst, share = float(np.median(sizes)), max(sizes), float(np.mean(held))
         low, high = GOALS["coverage_90"]
         lines.append(
-            f"{probe} {key}, {len(drawn)} specimens: median {median:.2f} {_met(median, GOALS['median'])},"
-            f" worst {worst:.2f} {_met(worst, GOALS['worst'])}, 90 % intervals hold {100 * share:.0f} %"
+            f"{probe} {key}, {len(drawn)} specimens: median {median:.2f} {met(median, GOALS['median'])},"
+            f" worst {worst:.2f} {met(worst, GOALS['worst'])}, 90 % intervals hold {100 * share:.0f} %"
             f" {'met' if low <= share <= high else 'MISSED'} (goal {100 * low:.0f} to {100 * high:.0f})"
         )
     return lines
@@ -91,7 +89,7 @@ def _specimens(probe: str, drawn: list[dict[str, Any]]) -> list[str]:
 
 def _finite(own: dict[str, Any]) -> list[str]:
     return [
-        f"{name:16}{r['seconds']:>7.1f} s  {_cells(r)}  {_met(_largest(r), GOALS['fe'])}"
+        f"{name:16}{r['seconds']:>7.1f} s  {_cells(r)}  {met(_largest(r), GOALS['fe'])}"
         for name, r in own.items()
     ]
 

@@ -24,6 +24,8 @@ TRACK = "form_drake.perceive.seen"
 LATTICE = 1.25e-3  # [m] between points of a finite element motion that are shown
 SHOWN_AS = {"press": "press_a", "bend": "bend_a"}  # cameras of a finite element motion
 
+FRAMES = 1000  # more than any probe has
+
 Kept = Callable[[int], bool]
 
 
@@ -53,7 +55,6 @@ class Views:
         made: tuple[str, ...] = (),
         look: tuple[str, ...] = (),
         kept: Kept = every,
-        called: str = "",
     ) -> Recording:
         """Points of the face that a scenario's cameras see.
 
@@ -62,11 +63,11 @@ class Views:
             made: changes of the specimen.
             look: changes of the cameras.
             kept: frames of which there are pictures.
-            called: name of ``kept``.
         """
         from form_drake.systems.scenario import load_scenario, scenario_text
 
-        text = scenario_text(name, (*made, *look)) + called
+        left = "".join("01"[kept(n)] for n in range(FRAMES))
+        text = scenario_text(name, (*made, *look)) + left
         scenario = load_scenario(name, (*made, *look))
 
         def moved() -> Recording:

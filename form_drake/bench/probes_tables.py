@@ -46,7 +46,8 @@ def table(result: dict[str, Any]) -> str:
     return "\n\n".join(blocks)
 
 
-def _met(size: float, goal: float) -> str:
+def met(size: float, goal: float) -> str:
+    """Whether a size [%] is within its goal, in words."""
     return f"{'met' if size <= goal else 'MISSED'} (goal {goal:g})"
 
 
@@ -58,7 +59,7 @@ def _own_lines(own: dict[str, Any]) -> list[str]:
             f"{k} {e['error']:+.3f} ({e['rows']} rows)" for k, e in r["errors"].items()
         )
         size = max(abs(e["error"]) for k, e in r["errors"].items() if k != "all")
-        lines.append(f"{name:10}{cells}  {_met(size, goal)}")
+        lines.append(f"{name:10}{cells}  {met(size, goal)}")
     return lines
 
 
@@ -80,9 +81,7 @@ def _grid_lines(own: dict[str, Any]) -> list[str]:
         for key in answered[0] if len(answered) > 1 else ():
             found = [e[key]["error"] for e in answered]
             change = max(found) - min(found)
-            lines.append(
-                f"{name:10}{key}: largest change {change:.3f}  {_met(change, GOALS['dx'])}"
-            )
+            lines.append(f"{name:10}{key}: largest change {change:.3f}  {met(change, GOALS['dx'])}")
     return lines
 
 

@@ -1,6 +1,6 @@
 """Identification from points on the surface: the inside is what the law found so far balances.
 
-First any elasticity stands in for the law. What is identified then takes its place, until the inside,
+First Hencky's elasticity stands in for the law. What is identified then takes its place, until the inside,
 the law and what is seen agree. Each round brings values a share nearer to that; how large the share is
 shows after a few, and the next steps are as much longer (Irons and Tuck, 1969).
 """

@@ -95,6 +95,7 @@ class Held:
         pull: forces that are left over, in the same units [1/m], shape [size].
         settled: whether the last step was small.
         rubbed: what friction does, by the index of the face.
+        ahead: how far y has moved, from where the next frame begins [m], shape [size].
     """
 
     y: np.ndarray
@@ -229,10 +230,7 @@ class Statics:
         own = sum((grip.rows for grip in grips), Rows.none(size))
         seen, floating = own + rows, own + rows * FLOAT
         B = np.concatenate([np.zeros((size, 0)), *(grip.pushes for grip in grips)], axis=1)
-        y, alone = (
-            last.y + last.ahead,
-            last.alone + last.ahead if B.shape[1] else last.y + last.ahead,
-        )
+        y, alone = last.y + last.ahead, (last.alone if B.shape[1] else last.y) + last.ahead
         push, strains, damped = B @ (B.T @ last.push), [np.inf, np.inf], [1.0, 1.0]
         for _ in range(ROUNDS):
             found = self._forces(y, grips, last)

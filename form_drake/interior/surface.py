@@ -189,7 +189,7 @@ def _friction(statics: Statics, seen: Seen) -> float:
     def off(friction: float) -> float:
         frames = _frames(statics, few, friction)
         rest = [(few.white[n] - D @ f.alone)[few.valid[n]] for n, f in enumerate(frames)]
-        return float(sum(np.log(np.mean(r**2)) for r in rest))
+        return float(sum(np.log(np.mean(r**2)) for r in rest if len(r)))
 
     sticking = off(np.inf)
     sliding, friction = _least(off, FRICTIONS)
