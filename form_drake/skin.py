@@ -11,8 +11,8 @@ from form_drake.motion.body import Face
 from form_drake.mpm.exchange import Snapshot
 
 NEIGHBOURS = 27  # particles that carry a point of the skin
-REACH = 2.2  # spacings, from which particles carry a point of a patch
-RIDGE = 1e-6  # keeps a sheet of one layer from having no slope at all
+REACH = 3.0  # spacings, from which particles carry a point of a patch
+RIDGE = 1e-9  # keeps a sheet of one layer from having no slope at all
 LATTICE = 0.02  # of a spacing, within which particles stand on a lattice
 
 
@@ -152,8 +152,8 @@ class Patch:
     ) -> "Patch":
         """A face of a box.
 
-        Moving least squares with weights that end smoothly: a motion of the particles that is affine
-        moves the patch along exactly, and any other one leaves no steps in it.
+        Moving least squares with weights that end smoothly: a motion of the particles that is of second
+        order moves the patch along exactly, and any other one leaves no steps in it.
 
         Args:
             rest: particles free of stress on a lattice along the axes [m], shape [particles, 3].
@@ -236,23 +236,29 @@ def _smoothly_carried(X: np.ndarray, rest: np.ndarray, spacing: np.ndarray) -> c
     real = np.arange(most) < np.array([[len(own)] for own in near])
     r = (rest[index] - X[:, None]) / spacing
     share = 1.0 - np.minimum(np.sum(r**2, axis=2) / REACH**2, 1.0)
-    return _shares(index, r, real * share**4, len(rest))
+    return _shares(index, r, real * share**4, len(rest), 2)
 
 
-def _shares(index: np.ndarray, r: np.ndarray, w: np.ndarray, particles: int) -> csr_array:
-    """Weights of moving least squares: an affine motion of the particles moves a point along.
+def _shares(
+    index: np.ndarray, r: np.ndarray, w: np.ndarray, particles: int, order: int = 1
+) -> csr_array:
+    """Weights of moving least squares: a motion of the particles of that order moves a point along.
 
     Args:
         index: particles that carry each point, shape [points, near].
         r: from the point to them [spacings], shape [points, near, 3].
         w: weight of each, shape [points, near].
         particles: how many there are.
+        order: of the polynomial, 1 or 2.
     """
-    P = np.concatenate([np.ones((*r.shape[:2], 1)), r], axis=2)
-    moment = np.einsum("nk,nki,nkj->nij", w, P, P)
+    i, j = np.triu_indices(3)
+    P = np.concatenate([np.ones((*r.shape[:2], 1)), r, r[..., i] * r[..., j]], axis=2)
+    P = P[..., : 4 if order == 1 else None]
+    moment = np.einsum("nk,nki,nkj->nij", w, P, P, optimize=True)
     size = w.sum(axis=1)[:, None, None]
-    moment += RIDGE * size * np.diag([0.0, 1.0, 1.0, 1.0])
-    row = np.linalg.solve(moment, np.tile(np.eye(4)[:, :1], (len(r), 1, 1)))[..., 0]
+    unit = np.eye(P.shape[2])
+    moment += RIDGE * size * (unit - np.diag(unit[0]))
+    row = np.linalg.solve(moment, np.tile(unit[:, :1], (len(r), 1, 1)))[..., 0]
     shares = w * np.einsum("ni,nki->nk", row, P)
     at = np.repeat(np.arange(len(r)), index.shape[1])
     return csr_array((shares.ravel(), (at, index.ravel())), shape=(len(r), particles))

@@ -51,7 +51,7 @@ def points():
 
 
 def test_a_rigid_body_moves_as_one(pairs):
-    """Depth to 2.5 um and 1.2 um across, at 300 mm; no strain that is not there."""
+    """Depth to 1.5 um and 0.3 um across, at 300 mm; no strain that is not there."""
     X = points()
     stereo = Stereo.of(CAMERAS, pairs[0], X, np.tile([0.0, 0.0, -1.0], (len(X), 1)))
     assert stereo.chosen.mean() > 0.95
@@ -61,14 +61,14 @@ def test_a_rigid_body_moves_as_one(pairs):
     held = np.isfinite(last.p_WQ[:, 0])
     assert held.mean() > 0.95
     off = (last.p_WQ - first.p_WQ - moved(X, 1.0) + X)[held]
-    assert np.sqrt(np.mean(off[:, 2] ** 2)) < 2.5e-6
-    assert np.sqrt(np.mean(off[:, :2] ** 2)) < 1.2e-6
+    assert np.sqrt(np.mean(off[:, 2] ** 2)) < 1.5e-6
+    assert np.sqrt(np.mean(off[:, :2] ** 2)) < 0.3e-6
     strain = np.linalg.lstsq(
         np.column_stack([X[held], np.ones(held.sum())])[:, [0, 1, 3]], off, None
     )[0]
     assert np.abs(strain[:2]).max() < 1e-4
     square = np.einsum("pi,pij,pj->p", off, np.linalg.inv(last.covariance[held]), off)
-    assert 1.0 < np.mean(square) < 6.0  # three where covariances are right
+    assert 2.0 < np.mean(square) < 4.5  # three where covariances are right
 
 
 def test_swapped_cameras_are_told(pairs):

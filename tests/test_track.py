@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from form_drake.perceive.correlate import Parts, matched
 from form_drake.perceive.speckle import speckle
-from form_drake.perceive.splines import coefficients
+from form_drake.perceive.splines import seen_in
 from form_drake.perceive.track import Tracker
 from form_drake.perceive.warps import SIZE, affine, warped
 
@@ -116,8 +116,8 @@ def test_steps_undo_warps_of_second_order(photograph, device):
             X = X + x - MIDDLE - warped(warp, X - MIDDLE)
         return X
 
-    parts = Parts.of(coefficients(photograph()), MIDDLE[None], HALF, device=device)
-    (found,) = matched(parts, coefficients(photograph(back, 1)), np.zeros((1, SIZE))).warps
+    parts = Parts.of(seen_in(photograph()), MIDDLE[None], HALF, device=device)
+    (found,) = matched(parts, seen_in(photograph(back, 1)), np.zeros((1, SIZE))).warps
     std = np.linalg.norm(parts.steps[0], axis=1) * NOISE * np.sqrt(2.0)  # of both pictures
     assert np.all(np.abs(found - warp) < 5.0 * std)
     assert np.all(np.abs(warp[[3, 9]]) > 5.0 * std[[3, 9]])  # they are seen

@@ -223,7 +223,7 @@ def _fit(statics: Statics, seen: Seen, frames: list[Held]) -> Fit:
 
     What the surface shows of the coefficients is as uncertain as its points. What it does not show is
     what the balance makes it, and as uncertain as that: by how much points had to pull at it, in each
-    frame, is told by what they show.
+    frame, beyond what their noise does, is told by what they show.
     """
     looks = frames[:: max(1, len(frames) // LOOKS)]
     stiffness = np.mean([f.stiffness for f in looks], axis=0)
@@ -235,7 +235,9 @@ def _fit(statics: Statics, seen: Seen, frames: list[Held]) -> Fit:
     root = solve_triangular(factor, turn, lower=True, trans="T") / seen.sd
     z = np.array([seen.sd * (turn.T @ (factor.T @ f.y)) for f in frames])
     pulls = turn.T @ solve_triangular(factor, np.array([f.pull for f in frames]).T, lower=True)
-    doubt = np.sqrt(np.sum(pulls**2, axis=0) / np.sum(told * (1.0 - told)))
+    by_noise = (seen.noise / seen.sd) ** 2 * np.sum(told * (1.0 - told) ** 2)
+    beyond = np.maximum(np.sum(pulls**2, axis=0) - by_noise, 0.0)
+    doubt = np.sqrt(beyond / np.sum(told**2 * (1.0 - told)))
     splines = chosen_time(seen.time, z, seen.noise)
     Q, R = np.linalg.qr(splines.matrix(seen.time))
     back = np.linalg.inv(R)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from scipy.fft import irfft2, next_fast_len, rfft2
 
 from form_drake.perceive.kernels import row, stepping, vec
 from form_drake.perceive.splines import MARGIN, read
@@ -19,6 +20,7 @@ from form_drake.perceive.warps import AFFINE, SIZE, monomials
 
 FLAT = 1e-6  # of the strongest direction, from which texture shows a warp
 TINY = 1e-300
+REACH = 6  # pixels, within which what is left of them is alike
 FAINT = 1.0  # grey value, root mean square, from which there is texture
 
 
@@ -110,9 +112,48 @@ class Parts:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """Covariance of the middles where grey values vary by one [px^2], shape [parts, 2, 2]."""
-        own = self.steps[:, [0, 6]]
-        return np.asarray(own @ own.transpose(0, 2, 1))
+        """Covariance of the middles where grey values of pixels at a distance vary together by one.
+
+        Returns:
+            [px^2], shape [parts, 2, 2, 2 REACH + 1, 2 REACH + 1].
+        """
+        own = self.steps[:, [0, 6]].reshape(len(self.middle), 2, *self.square)
+        return _beside(own[:, :, None], own[:, None])
+
+    @property
+    def square(self) -> tuple[int, int]:
+        """Rows and columns of pixels."""
+        return (2 * self.half + 1,) * 2
+
+
+def _beside(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Sums of what two pictures have at pixels of a distance, up to ``REACH`` either way.
+
+    Args:
+        a: shape [..., rows, columns].
+        b: the same.
+
+    Returns:
+        Shape [..., 2 REACH + 1, 2 REACH + 1].
+    """
+    size = [next_fast_len(n + REACH, real=True) for n in a.shape[-2:]]
+    both = np.conj(rfft2(a, size)) * rfft2(b, size)
+    lags = np.arange(-REACH, REACH + 1)
+    found: np.ndarray = irfft2(both, size)[..., lags[:, None], lags]
+    return found
+
+
+def _together(left: np.ndarray) -> np.ndarray:
+    """How alike what is left of pixels is by their distance, shape [2 REACH + 1, 2 REACH + 1].
+
+    Bartlett's window keeps variances positive (Newey and West 1987).
+
+    Args:
+        left: of parts, shape [parts, rows, columns].
+    """
+    found = _beside(left, left).sum(axis=0)
+    share = 1.0 - np.abs(np.arange(-REACH, REACH + 1)) / (REACH + 1.0)
+    return np.asarray(found / max(found[REACH, REACH], TINY) * share * share[:, None])
 
 
 def _told(middle: np.ndarray, size: np.ndarray) -> str:
@@ -181,5 +222,6 @@ def matched(parts: Parts, picture: np.ndarray, start: np.ndarray) -> Matches:
     rest -= parts.light @ (parts.light.transpose(0, 2, 1) @ rest)
     freedom = pixels - parts.free - parts.light.shape[2]
     variance = np.sum(rest[..., 0] ** 2, axis=1) / freedom
-    covariance = parts.spread * variance[:, None, None]
+    alike = _together(rest.reshape(count, *parts.square)[settled > 0.0])
+    covariance = np.tensordot(parts.spread, alike, 2) * variance[:, None, None]
     return Matches(warps.numpy(), likeness, settled > 0.0, covariance)

@@ -7,7 +7,8 @@ import numpy as np
 
 from form_drake.perceive.correlate import Parts, matched
 from form_drake.perceive.optics import Places, projected, rays, triangulated
-from form_drake.perceive.track import ALIKE, Points, Tracker, seen_in
+from form_drake.perceive.splines import seen_in
+from form_drake.perceive.track import ALIKE, Points, Tracker
 from form_drake.perceive.warps import affine
 from form_drake.records import Camera
 

@@ -9,14 +9,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from form_drake.perceive.correlate import Matches, Parts, matched
-from form_drake.perceive.splines import coefficients
+from form_drake.perceive.splines import seen_in
 from form_drake.perceive.warps import affine
 
-SMOOTH = 0.5  # pixels, by which pictures are smoothed: between pixels they are splines rather
 NEIGHBOURS = 12  # whose flow is fitted by a line
 ALIKE = 0.8  # correlation, below which a point is lost
 BENT = 9.0  # variances of a second-order warp's shift, from which its square counts
@@ -191,11 +189,6 @@ def flown(before: np.ndarray, picture: np.ndarray, at: np.ndarray) -> np.ndarray
     flow = there[:, 0].astype(float) - at
     flow[known[:, 0] == 0] = np.nan
     return flow
-
-
-def seen_in(picture: np.ndarray) -> np.ndarray:
-    """Coefficients of a picture's spline, smoothed: in these parts are cut out and sought."""
-    return coefficients(gaussian_filter(picture.astype(float), SMOOTH, mode="mirror"))
 
 
 def _where(chosen: np.ndarray, one: Points, other: Points) -> Points:
