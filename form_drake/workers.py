@@ -1,11 +1,13 @@
-"""Many tasks on all cores: forked copies of the process, so that only results need be pickled."""
+"""Many tasks on all cores, in forked copies of the process, and one after another behind a program's back."""
 
 import multiprocessing
 import os
 import signal
+import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.pool import Pool
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import warp as wp
 
@@ -71,3 +73,51 @@ def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:
 def _done(n: int) -> Any:
     task, items = _work[-1]
     return task(items[n])
+
+
+class Newest(Generic[R, T]):
+    """Works in a thread on the newest of what it is handed; what it cannot keep up with is left out.
+
+    Args:
+        work: makes the next state of the last one and of what was handed over.
+        first: the state to begin with.
+    """
+
+    def __init__(self, work: Callable[[R, T], R], first: R):
+        self._work, self._state = work, first
+        self._wake = threading.Condition()
+        self._waiting: deque[T] = deque(maxlen=1)
+        self._done: deque[R | Exception] = deque()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def hand(self, item: T) -> T | None:
+        """Hand over; what it takes the place of, on which nothing will be done."""
+        with self._wake:
+            left_out = self._waiting.pop() if self._waiting else None
+            self._waiting.append(item)
+            self._wake.notify()
+        return left_out
+
+    def taken(self) -> R | None:
+        """The state after the oldest work that is done and was not taken yet.
+
+        Raises:
+            Exception: what the work has raised; nothing is done after it.
+        """
+        found = self._done.popleft() if self._done else None
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                while not self._waiting:
+                    self._wake.wait()
+                item = self._waiting.pop()
+            try:
+                self._state = self._work(self._state, item)
+            except Exception as error:
+                self._done.append(error)
+                return
+            self._done.append(self._state)

@@ -73,6 +73,40 @@ def turned(camera: Camera, degrees: list[float]) -> Camera:
     return replace(camera, X_WC=X_WC)
 
 
+class Photographer:
+    """Takes pictures of a specimen's particles with both cameras.
+
+    Args:
+        scenario: of the specimen.
+        rig: its calibrated cameras.
+        rest: places of all particles free of stress [m], shape [particles, 3].
+        frames: how many there will be: at the last one the light has drifted as far as stated.
+        device: Warp device.
+    """
+
+    def __init__(
+        self, scenario: Scenario, rig: Rig, rest: np.ndarray, frames: int, device: str = "cpu"
+    ):
+        view = self._view = scenario.stereo
+        self._rest, self._last = rest, max(frames - 1, 1)
+        left, right = rig.cameras.values()
+        self._patch = Patch.of(rest, rig.low, rig.high, rig.face, CELL * rig.pixel)
+        self._surface = _painted(self._patch, rig, view, np.random.default_rng((view.seed, 0)))
+        self._renderer = Renderer([left, turned(right, view.turned_deg)], device)
+
+    def pair(self, frame: int, p_WQ: np.ndarray) -> list[np.ndarray]:
+        """Grey values in a frame, uint8, one picture of each camera.
+
+        Args:
+            frame: its number.
+            p_WQ: of all particles [m], shape [particles, 3].
+        """
+        view, rng = self._view, np.random.default_rng((self._view.seed, 1 + frame))
+        light = Light(view.noise, view.blur, 1.0 + view.drift * frame / self._last)
+        moved = self._surface.moved(self._patch.points(p_WQ, self._rest))
+        return [light.seen(picture, rng) for picture in self._renderer.pictures(moved)]
+
+
 def write_pictures(
     folder: Path,
     scenario: Scenario,
@@ -93,19 +127,11 @@ def write_pictures(
     """
     import cv2
 
-    view, rest = scenario.stereo, particles.reference
-    left, right = rig.cameras.values()
-    patch = Patch.of(rest, rig.low, rig.high, rig.face, CELL * rig.pixel)
-    rng = np.random.default_rng((view.seed, 0))
-    surface = _painted(patch, rig, view, rng)
-    renderer = Renderer([left, turned(right, view.turned_deg)], device)
-    last = max(particles.frames - 1, 1)
+    photographer = Photographer(scenario, rig, particles.reference, particles.frames, device)
     for n, p_WQ in enumerate(particles.p_WQ):
-        light = Light(view.noise, view.blur, 1.0 + view.drift * n / last)
-        moved = surface.moved(patch.points(p_WQ, rest))
-        for name, picture in zip(NAMES, renderer.pictures(moved), strict=True):
+        for name, picture in zip(NAMES, photographer.pair(n, p_WQ), strict=True):
             path = folder / f"{name}_{n:05d}.png"
-            if not cv2.imwrite(str(path), light.seen(picture, rng)):
+            if not cv2.imwrite(str(path), picture):
                 raise ValueError(f"{path}: cannot be written")
         progress()
 
@@ -129,10 +155,21 @@ def beside_pictures(particles: Recording, symmetry: str) -> Recording:
     (tool,) = particles.poses
     stream = particles.poses[tool]
     nearest = np.abs(stream.time - particles.time[:, None]).argmin(axis=1)
+    p_WT = stream.value[nearest][:, None, :3, 3]
+    return replace(without_points(particles, symmetry), p_WQ=p_WT)
+
+
+def without_points(particles: Recording, symmetry: str) -> Recording:
+    """A recording of which a tracker's points are still to come: of the first particle, where it is.
+
+    Args:
+        particles: the recording.
+        symmetry: stated of the motion, or empty.
+    """
     geometry = {k: v for k, v in particles.geometry.items() if k not in ("low", "high")}
     return replace(
         particles,
-        p_WQ=stream.value[nearest][:, None, :3, 3],
+        p_WQ=particles.p_WQ[:, :1],
         p_reference=None,
         noise=None,
         geometry={**geometry, **({"symmetry": symmetry} if symmetry else {})},

@@ -7,7 +7,10 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
+from form_drake.perceive.rig import Rig
+from form_drake.perceive.seen import Sight, completed, gathered
 from form_drake.records import Recording, Stream
+from form_drake.systems.behind import Result
 
 FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
 
@@ -17,11 +20,11 @@ class Heard:
     """Samples so far, oldest first; never written again.
 
     Attributes:
-        points: stamps [s] and tracked points p_WQ [m], shape [points, 3].
+        sights: of the points.
         signals: stamps [s], X_WT as matrix, joint angles [rad], and a force [N] from each source.
     """
 
-    points: tuple[tuple[float, np.ndarray], ...] = ()
+    sights: tuple[Sight, ...] = ()
     signals: tuple[tuple[float, np.ndarray, np.ndarray, tuple[np.ndarray, ...]], ...] = ()
 
     def __deepcopy__(self, memo: object) -> "Heard":
@@ -33,7 +36,7 @@ class ParticleTracks(LeafSystem):
 
     Noise is a function of seed and frame, so that a cloned Context repeats it.
 
-    Ports: in ``particles`` (``Snapshot``); out ``points``: p_WQ [m], shape [points, 3].
+    Ports: in ``particles`` (``Snapshot``); out ``sight`` (``Result`` of a ``Sight``), as a tracker's.
 
     Args:
         chosen: indices of the particles.
@@ -46,7 +49,7 @@ class ParticleTracks(LeafSystem):
         super().__init__()
         self._chosen, self._noise, self._seed, self._rate = chosen, noise, seed, rate
         self.DeclareAbstractInputPort("particles", Value[object](None))
-        self.DeclareAbstractOutputPort("points", lambda: Value[object](None), self._calc)
+        self.DeclareAbstractOutputPort("sight", lambda: Value[object](None), self._calc)
 
     def _calc(self, context: Context, output: Value) -> None:
         p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
@@ -54,15 +57,16 @@ class ParticleTracks(LeafSystem):
             frame = round(context.get_time() * self._rate)
             rng = np.random.default_rng((self._seed, frame))
             p_WQ = p_WQ + rng.normal(0.0, self._noise, p_WQ.shape)
-        output.set_value(p_WQ)
+        time = context.get_time()
+        output.set_value(Result(time, Sight(time, p_WQ), age=0.0))
 
 
 class Recorder(LeafSystem):
     """Gathers tracked points, poses, joints and forces.
 
-    Ports: in ``points``, ``tool.X_WT``, ``panda.position_measured``, ``tool.force`` and
-    ``tool.force_from_torque``; out ``recording``: the ``Recording`` so far, or None before its
-    second frame.
+    Ports: in ``sight`` (``Result`` of a ``Sight``, each kept once), ``tool.X_WT``,
+    ``panda.position_measured``, ``tool.force`` and ``tool.force_from_torque``; out ``recording``: the
+    ``Recording`` so far, or None before its second frame.
 
     Args:
         header: a recording of the specimen and tool, of which stamps, points, poses, forces and
@@ -71,12 +75,22 @@ class Recorder(LeafSystem):
         begin: when recording begins [s].
         rate: of frames [Hz].
         period: of the other signals [s]; forces are means over it.
+        rig: whose cameras follow the points; None: they are particles.
     """
 
-    def __init__(self, header: Recording, tool: str, *, begin: float, rate: float, period: float):
+    def __init__(
+        self,
+        header: Recording,
+        tool: str,
+        *,
+        begin: float,
+        rate: float,
+        period: float,
+        rig: Rig | None = None,
+    ):
         super().__init__()
-        self._header, self._tool, self._period = header, tool, period
-        self.DeclareAbstractInputPort("points", Value[object](None))
+        self._header, self._tool, self._period, self._rig = header, tool, period, rig
+        self.DeclareAbstractInputPort("sight", Value[object](None))
         self.DeclareAbstractInputPort("tool.X_WT", Value[RigidTransform]())
         self.DeclareVectorInputPort("panda.position_measured", 7)
         for port in FORCES.values():
@@ -101,7 +115,7 @@ class Recorder(LeafSystem):
     def recording(self, context: Context) -> Recording | None:
         """What was recorded so far."""
         heard = self.heard(context)
-        if len(heard.points) < 2:
+        if len(heard.sights) < 2:
             return None
         time = np.array([s[0] for s in heard.signals])
         middle = time - 0.5 * self._period
@@ -110,13 +124,18 @@ class Recorder(LeafSystem):
             name = self._tool if source == "sensor" else f"{self._tool}:{source}"
             values = np.array([s[3][n] for s in heard.signals])
             forces[name] = Stream(middle, values, self._header.forces[name].noise)
-        return replace(
+        probe = replace(
             self._header,
-            time=np.array([p[0] for p in heard.points]),
-            p_WQ=np.array([p[1] for p in heard.points]),
             poses={self._tool: Stream(time, np.array([s[1] for s in heard.signals]))},
             forces=forces,
             joints=Stream(time, np.array([s[2] for s in heard.signals])),
+        )
+        if self._rig is not None:
+            return completed(gathered(self._rig, heard.sights), probe)
+        return replace(
+            probe,
+            time=np.array([sight.time for sight in heard.sights]),
+            p_WQ=np.array([sight.p_WQ for sight in heard.sights]),
         )
 
     def _hear(self, context: Context, state: State) -> EventStatus:
@@ -126,8 +145,10 @@ class Recorder(LeafSystem):
             return EventStatus.DidNothing()
         heard = self.heard(context)
         if step % self._every == 0:
-            points = self.GetInputPort("points").Eval(context)
-            heard = replace(heard, points=(*heard.points, (time, points)))
+            seen = self.GetInputPort("sight").Eval(context)
+            last = heard.sights[-1].time if heard.sights else -np.inf
+            if seen.time > last:
+                heard = replace(heard, sights=(*heard.sights, seen.value))
         forces = tuple(np.array(self.GetInputPort(p).Eval(context)) for p in FORCES.values())
         X_WT = self.GetInputPort("tool.X_WT").Eval(context).GetAsMatrix4()
         q = np.array(self.GetInputPort("panda.position_measured").Eval(context))

@@ -1,11 +1,12 @@
 """Tasks on all cores: what forked copies make comes back in order, and what they raise."""
 
 import os
+import threading
 import time
 
 import pytest
 
-from form_drake.workers import mapped, unordered
+from form_drake.workers import Newest, mapped, unordered
 
 CORES = len(os.sched_getaffinity(0))
 
@@ -64,3 +65,33 @@ def test_each_task_begins_with_a_memory_of_its_own():
         return len(told)
 
     assert list(unordered(task, range(5))) == [1] * 5
+
+
+def test_the_newest_is_worked_on_and_what_it_replaces_is_told():
+    gate = threading.Event()
+
+    def add(total, item):
+        gate.wait(10.0)
+        if item < 0:
+            raise ValueError("below nothing")
+        return total + item
+
+    worker = Newest(add, 100)
+    assert worker.taken() is None and worker.hand(1) is None
+    while worker._waiting:  # until it is begun
+        time.sleep(0.01)
+    assert worker.hand(2) is None and worker.hand(3) == 2
+    gate.set()
+    assert [until(worker), until(worker)] == [101, 104]
+    worker.hand(-1)
+    with pytest.raises(ValueError, match="below nothing"):
+        until(worker)
+
+
+def until(worker):
+    for _ in range(500):
+        found = worker.taken()
+        if found is not None:
+            return found
+        time.sleep(0.01)
+    raise AssertionError("nothing is done")

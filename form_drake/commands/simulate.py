@@ -38,7 +38,8 @@ class Simulate:
     """Show the simulation while it runs, in a browser."""
     perception: Literal["stereo"] | None = None
     """Two cameras see a face: pictures are rendered, and a process of its own that sees nothing else
-    tracks them; the recording holds none of the simulator's particles."""
+    tracks them; the recording holds none of the simulator's particles. With --live or --answers they
+    are tracked in the diagram while the probe moves."""
     answers: float | None = None
     """Identify while the probe moves, every so many seconds of it, and say what is known by then."""
     graphviz: Path | None = None
@@ -58,8 +59,6 @@ class Simulate:
         device(self.device)
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
-        if self.answers is not None and self.perception is not None:
-            raise ValueError("--answers reads the simulator's particles, which cameras do not see")
         changes = (*self.set, f"solver.device={self.device}")
         scenario = load_scenario(self.scenario, changes)
         if self.graphviz is not None:
@@ -67,19 +66,21 @@ class Simulate:
             write_text(dot, prepare(scenario).diagram.GetGraphvizString())
             say(f"written: {dot}")
             return
-        if self.perception is not None:
+        seen = self.perception is not None
+        within = seen and (self.live or self.answers is not None)
+        if seen:
             scenario = seen_by_cameras(scenario)
         out = target_folder(self.out or Path("runs") / scenario.name)
         hidden = truth(scenario)
         told = (lambda url: say(f"live view: {url}")) if self.live else None
         meshcat = shown(told) if self.page or self.live else None
         view = View(field=self.field)
-        run = prepare(scenario, meshcat, view, answers=self.answers, told=_tell)
+        run = prepare(scenario, meshcat, view, seen=within, answers=self.answers, told=_tell)
         steps = round(run.duration / scenario.solver.period)
         with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
             recording = record(run, lambda *_: bar.update())
         with whole_folder(out) as folder:
-            if self.perception is not None:
+            if seen and not within:
                 recording = self._looked(scenario, recording, folder)
             else:
                 write_recording(recording, folder / "recording.h5")

@@ -73,6 +73,27 @@ class Fit:
             white += (error if part.mix is None else part.mix @ error) @ part.time_root.T
         return self.space.tied(by_root(self.space, self.roots, white))
 
+    def deviation(self, time: float, X: np.ndarray) -> np.ndarray:
+        """Standard deviation of positions [m], of what no track tells too, shape [points, 3].
+
+        Args:
+            time: from the first frame on [s].
+            X: stress-free positions [m], shape [points, 3].
+        """
+        basis, Phi = self.time.matrix(np.array([time]))[0], self.space.scalar.matrix(X)
+        ends = np.cumsum([R.shape[1] for R in self.roots])
+        square = np.zeros(X.shape)
+        for part in (*self.spread, *self.doubt):
+            along = np.broadcast_to(
+                (basis @ part.time_root) ** 2, (len(part.scale), part.time_root.shape[1])
+            )
+            size = np.sum(part.scale**2 * along, axis=1)
+            for block, R, end in zip(self.space.blocks, self.roots, ends, strict=True):
+                own, D = slice(end - R.shape[1], end), block.matrix(Phi) @ R
+                mixed = D**2 @ size[own] if part.mix is None else (D @ part.mix[own]) ** 2 @ size
+                square[:, block.axes] += mixed
+        return np.sqrt(square)
+
     def describe(self) -> dict[str, object]:
         """Facts for a report."""
         return {

@@ -71,8 +71,13 @@ class Pictures:
             ValueError: a file that is no picture, of another size than its camera's, or that is mostly
                 black or white.
         """
-        for files in self.files:
-            yield [_grey(path, camera) for path, camera in zip(files, cameras, strict=True)]
+        for n in range(len(self.files)):
+            yield self.pair(n, cameras)
+
+    def pair(self, n: int, cameras: Sequence[Camera]) -> list[np.ndarray]:
+        """Grey values of frame ``frames[n]``; otherwise as of ``read``."""
+        files = self.files[n]
+        return [_grey(path, camera) for path, camera in zip(files, cameras, strict=True)]
 
 
 def _listed(places: Sequence[Path]) -> list[Path]:

@@ -1,18 +1,53 @@
 """From pictures of two cameras to a recording of the points of a face."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from itertools import chain
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from form_drake.perceive.optics import Places
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.rig import Rig
-from form_drake.perceive.stereo import Stereo
+from form_drake.perceive.stereo import Followed, Stereo
 from form_drake.records import Recording
 
 SEEN = 0.3  # share of all points in all frames that is to be held
+
+
+def _none() -> np.ndarray:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Points of a face at one time.
+
+    Attributes:
+        time: [s].
+        p_WQ: [m]; NaN: lost, shape [points, 3].
+        covariance: of how they moved [m^2], shape [points, 3, 3].
+        likeness: correlation with the first pictures, 1 at best, shape [points].
+        pixel: where each camera sees them [px]; NaN: lost, shape [cameras, points, 2].
+
+    What is not of cameras has none of the last three.
+    """
+
+    time: float
+    p_WQ: np.ndarray
+    covariance: np.ndarray = field(default_factory=_none)
+    likeness: np.ndarray = field(default_factory=_none)
+    pixel: np.ndarray = field(default_factory=_none)
+
+    @classmethod
+    def of(cls, time: float, now: Followed) -> "Sight":
+        """What is seen of points that were followed."""
+        places = now.places
+        pixel = np.stack([points.pixel for points in now.points])
+        return cls(time, places.p_WQ, places.covariance, now.likeness, pixel)
+
+    @property
+    def held(self) -> np.ndarray:
+        """Which points are not lost, shape [points]."""
+        return np.asarray(np.isfinite(self.p_WQ).all(axis=1))
 
 
 def tracked(
@@ -20,7 +55,7 @@ def tracked(
     pictures: Pictures,
     begin: float = 0.0,
     device: str = "cpu",
-    progress: Callable[[int, Places], None] = lambda *_: None,
+    progress: Callable[[int, Sight], None] = lambda *_: None,
 ) -> Recording:
     """Follow the points of a face through all pictures.
 
@@ -29,7 +64,7 @@ def tracked(
         pictures: of them.
         begin: stamp of frame 0 [s].
         device: Warp device.
-        progress: called with the number of frames done and the points of the last.
+        progress: called with the number of frames done and what is seen in the last.
 
     Returns:
         Points of the face, with what is lost marked; no forces and no poses yet.
@@ -37,29 +72,48 @@ def tracked(
     Raises:
         ValueError: pictures in which the face is not found, or hardly a point is held.
     """
-    cameras = list(rig.cameras.values())
-    X = rig.points()
-    pairs = pictures.read(cameras)
-    first = next(pairs)
-    stereo = Stereo.of(cameras, first, X, np.tile(rig.face.normal, (len(X), 1)), rig.half, device)
-    found: list[Places] = []
-    for places in stereo.follow(chain([first], pairs)):
-        found.append(places)
-        progress(len(found), places)
-    p_WQ = np.stack([f.p_WQ for f in found])
-    valid = np.isfinite(p_WQ).all(axis=2)
+    pairs = pictures.read(list(rig.cameras.values()))
+    now: Followed | None = None
+    found: list[Sight] = []
+    for frame, pair in zip(pictures.frames, pairs, strict=True):
+        now = followed(rig, now, pair, device)
+        found.append(Sight.of(begin + frame / rig.rate, now))
+        progress(len(found), found[-1])
+    valid = np.array([sight.held for sight in found])
     if valid[1:].mean() < SEEN:
         lost = pictures.frames[1 + int(np.argmax(valid[1:].mean(axis=1) < SEEN))]
         raise ValueError(
             f"from frame {lost} on, {100.0 * valid[1:].mean():.0f} % of the {valid.shape[1]} points are found"
             " again: too fast, too dark, or hidden?"
         )
+    return gathered(rig, found)
+
+
+def followed(
+    rig: Rig, before: Followed | None, pair: Sequence[np.ndarray], device: str = "cpu"
+) -> Followed:
+    """Points of a rig's face in the next pictures of its cameras; in the first, where there are none before.
+
+    Raises:
+        ValueError: first pictures in which the face is not found, or pictures of other sizes.
+    """
+    if before is not None:
+        return before.next(pair)
+    X, cameras = rig.points(), list(rig.cameras.values())
+    normal = np.tile(rig.face.normal, (len(X), 1))
+    return Stereo.of(cameras, pair, X, normal, rig.half, device).begun(pair)
+
+
+def gathered(rig: Rig, sights: Sequence[Sight]) -> Recording:
+    """What was seen at two times at least, as a recording without forces and poses."""
+    p_WQ = np.stack([sight.p_WQ for sight in sights])
+    valid = np.stack([sight.held for sight in sights])
     kept = valid[1:].any(axis=0)
     p_WQ, valid = p_WQ[:, kept], valid[:, kept]
-    covariance = np.nanmean([f.covariance[kept] for f in found[1:]], axis=0)
+    covariance = np.nanmean([sight.covariance[kept] for sight in sights[1:]], axis=0)
     low, high = (" ".join(f"{v:.9g}" for v in corner) for corner in (rig.low, rig.high))
     return Recording.from_arrays(
-        begin + np.array(pictures.frames) / rig.rate,
+        np.array([sight.time for sight in sights]),
         np.where(valid[..., None], p_WQ, 0.0),
         valid=valid,
         visible=valid,

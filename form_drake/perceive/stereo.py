@@ -88,21 +88,19 @@ class Stereo:
         )
         return cls((left, right), (one, other), chosen, matching[chosen])
 
+    def begun(self, pair: Sequence[np.ndarray]) -> "Followed":
+        """Its points in the first pictures of both cameras."""
+        return Followed(self, tuple(pair), tuple(tracker.first for tracker in self.trackers))
+
     def follow(self, pairs: Iterable[Sequence[np.ndarray]]) -> Iterator[Places]:
         """Points in space in each of some pairs of pictures; the first is that which was begun with.
 
         Covariances are of how points move: that of ``matching`` is not in them.
         """
-        before: Sequence[np.ndarray] | None = None
-        points = [tracker.first for tracker in self.trackers]
+        now: Followed | None = None
         for pair in pairs:
-            if before is not None:
-                points = [
-                    t.next(a, b, p)
-                    for t, a, b, p in zip(self.trackers, before, pair, points, strict=True)
-                ]
-            before = pair
-            yield self.places(points)
+            now = self.begun(pair) if now is None else now.next(pair)
+            yield now.places
 
     def places(self, points: Sequence[Points]) -> Places:
         """Points in space from where both cameras see them."""
@@ -111,6 +109,36 @@ class Stereo:
         still = spread.trace(axis1=2, axis2=3) <= 0.0  # the first pictures: nothing has moved
         spread[still] = np.eye(2) * np.finfo(float).eps
         return triangulated(self.cameras, pixel, spread)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How far a pair of cameras has followed its points.
+
+    Attributes:
+        stereo: the cameras and their trackers.
+        pair: newest pictures.
+        points: where each camera sees them there.
+    """
+
+    stereo: Stereo
+    pair: tuple[np.ndarray, ...]
+    points: tuple[Points, ...]
+
+    def next(self, pair: Sequence[np.ndarray]) -> "Followed":
+        """Followed into the next pictures."""
+        ways = zip(self.stereo.trackers, self.pair, pair, self.points, strict=True)
+        return Followed(self.stereo, tuple(pair), tuple(t.next(a, b, p) for t, a, b, p in ways))
+
+    @property
+    def places(self) -> Places:
+        """Points in space."""
+        return self.stereo.places(self.points)
+
+    @property
+    def likeness(self) -> np.ndarray:
+        """Correlation with the first pictures, the worse of both cameras', shape [points]."""
+        return np.min([p.likeness for p in self.points], axis=0)
 
 
 def _agreed(off: np.ndarray, turned: np.ndarray) -> None:

@@ -1,0 +1,117 @@
+"""Where pictures come from: cameras that see a simulated specimen, or files."""
+
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.sensors import ImageRgba8U
+
+from form_drake.perceive.pictures import Pictures
+from form_drake.perceive.rig import Rig
+from form_drake.systems.pictures import Photographer
+
+
+class _Cameras(LeafSystem):
+    """Ports of cameras: ``<camera>.color_image`` and ``<camera>.image_time`` [s], as RgbdSensor's.
+
+    Derived systems say in ``seen`` what there is to see and call ``_ports`` when inputs are declared.
+    """
+
+    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
+        """Stamp [s] and grey values of every camera, uint8."""
+        raise NotImplementedError
+
+    def _ports(self, rig: Rig) -> None:
+        self._pair = self.DeclareCacheEntry(
+            "pictures",
+            ValueProducer(
+                allocate=lambda: Value[object](None),
+                calc=lambda context, out: out.set_value(self.seen(context)),
+            ),
+            {self.all_sources_ticket()},
+        )
+        for n, (name, camera) in enumerate(rig.cameras.items()):
+            width, height = camera.size
+
+            def image(context: Context, output: Value, n: int = n) -> None:
+                grey = self._pair.Eval(context)[1][n]
+                found = output.get_mutable_value()
+                found.mutable_data[..., :3] = grey[..., None]
+                found.mutable_data[..., 3] = 255
+
+            def time(context: Context, output: BasicVector) -> None:
+                output.SetAtIndex(0, self._pair.Eval(context)[0])
+
+            def blank(width: int = width, height: int = height) -> Value:
+                return Value(ImageRgba8U(width, height))
+
+            self.DeclareAbstractOutputPort(f"{name}.color_image", blank, image)
+            self.DeclareVectorOutputPort(f"{name}.image_time", 1, time)
+
+
+class SpeckleCameras(_Cameras):
+    """Two cameras that see a face of a simulated specimen, on which speckle is sprayed.
+
+    Noise is a function of seed and frame, so that a cloned Context repeats it.
+
+    Ports: in ``particles`` (``Snapshot``); out ``<camera>.color_image`` and ``<camera>.image_time``.
+
+    Args:
+        rig: the cameras.
+        photographer: who renders.
+        chosen: indices of the particles that he knows.
+        begin: time of frame 0 [s].
+    """
+
+    def __init__(self, rig: Rig, photographer: Photographer, chosen: np.ndarray, begin: float):
+        super().__init__()
+        self._rate, self._photographer, self._begin = rig.rate, photographer, begin
+        self._chosen = chosen
+        self.DeclareAbstractInputPort("particles", Value[object](None))
+        self._ports(rig)
+
+    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
+        """As of the base."""
+        time = context.get_time()
+        frame = max(round((time - self._begin) * self._rate), 0)
+        p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
+        return time, self._photographer.pair(frame, p_WQ)
+
+
+class PictureFiles(_Cameras):
+    """Pictures of two cameras from files, each shown until the next; frames that lack one are not.
+
+    Ports: out ``<camera>.color_image`` and ``<camera>.image_time``.
+
+    Args:
+        rig: the cameras.
+        places: folders and files, named CAMERA_NUMBER.png.
+        begin: time of frame 0 [s].
+
+    Raises:
+        ValueError: see ``Pictures.found``.
+    """
+
+    def __init__(self, rig: Rig, places: list[Path], begin: float = 0.0):
+        super().__init__()
+        self._pictures = Pictures.found(places, list(rig.cameras))
+        self._cameras = list(rig.cameras.values())
+        self._time = begin + np.array(self._pictures.frames) / rig.rate
+        self._ports(rig)
+
+    @property
+    def missing(self) -> dict[int, tuple[str, ...]]:
+        """Frames that are left out, and the cameras that have no picture there."""
+        return self._pictures.missing
+
+    @property
+    def end(self) -> float:
+        """Stamp of the last frame [s]."""
+        return float(self._time[-1])
+
+    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
+        """As of the base."""
+        late = 1e-9 + context.get_time()
+        n = max(int(np.searchsorted(self._time, late, side="right")) - 1, 0)
+        return float(self._time[n]), self._pictures.pair(n, self._cameras)

@@ -1,0 +1,101 @@
+"""Points of a face, followed by two cameras while the diagram runs."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.sensors import ImageRgba8U
+
+from form_drake.perceive.rig import Rig
+from form_drake.perceive.seen import Sight, followed
+from form_drake.perceive.stereo import Followed
+from form_drake.perceive.track import ALIKE
+from form_drake.systems.behind import Behind
+from form_drake.systems.viewer import cloud
+
+SIGHT, POINT = "/sight", 8e-4  # path in Meshcat, size of a point [m]
+APART = 0.25  # of the time between frames, by which two pictures of one frame may be apart
+
+
+class Tracker(Behind):
+    """Follows points of a rig's face from the first pictures on.
+
+    Pictures of both cameras that are not of one moment are skipped, as where a camera has stopped.
+
+    Ports: in ``<camera>.color_image`` and ``<camera>.image_time`` [s] of both cameras, from an
+    RgbdSensor, a file or a device; out ``sight`` (``Result`` of a ``form_drake.perceive.seen.Sight``).
+
+    Args:
+        rig: calibrated cameras and the face that they see.
+        period: step of the simulation [s].
+        begin: time of the first picture [s].
+        wait: whether simulated time waits for the work, see ``Behind``.
+        device: Warp device.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        period: float,
+        begin: float = 0.0,
+        wait: bool = True,
+        device: str = "cpu",
+    ):
+        every = max(round(1.0 / (rig.rate * period)), 1)
+        super().__init__(
+            "sight", period=period, every=every, begin=round(begin / period), wait=wait
+        )
+        self._rig, self._device = rig, device
+        for name, camera in rig.cameras.items():
+            self.DeclareAbstractInputPort(f"{name}.color_image", Value(ImageRgba8U(*camera.size)))
+            self.DeclareVectorInputPort(f"{name}.image_time", 1)
+
+    def newest(self, context: Context) -> tuple[float, list[np.ndarray] | None]:
+        """The pictures of both cameras, if they are of one moment."""
+        names = list(self._rig.cameras)
+        time = [float(self.GetInputPort(f"{n}.image_time").Eval(context)[0]) for n in names]
+        if max(time) - min(time) > APART / self._rig.rate:
+            return max(time), None
+        pair = [grey(self.GetInputPort(f"{n}.color_image").Eval(context)) for n in names]
+        return max(time), pair
+
+    def worked(
+        self, memory: Followed | None, time: float, given: list[np.ndarray]
+    ) -> tuple[Followed, Sight]:
+        """As of the base."""
+        now = followed(self._rig, memory, given, self._device)
+        return now, Sight.of(time, now)
+
+
+class SightViewer(LeafSystem):
+    """Draws the points that are followed, coloured by how alike their surroundings still are.
+
+    Ports: in ``sight``, as the tracker's output.
+
+    Args:
+        meshcat: to draw into.
+        rate: of the drawing [Hz].
+    """
+
+    def __init__(self, meshcat: Meshcat, rate: float = 30.0):
+        super().__init__()
+        self._meshcat = meshcat
+        self.DeclareAbstractInputPort("sight", Value[object](None))
+        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._publish)
+        self.DeclareForcedPublishEvent(self._publish)
+
+    def _publish(self, context: Context) -> EventStatus:
+        sight = self.get_input_port().Eval(context).value
+        if sight is None or not sight.held.any():
+            return EventStatus.DidNothing()
+        shown = cloud(sight.p_WQ[sight.held], sight.likeness[sight.held], (ALIKE, 1.0))
+        self._meshcat.SetObject(SIGHT, shown, point_size=POINT)
+        return EventStatus.Succeeded()
+
+
+def grey(image: ImageRgba8U) -> np.ndarray:
+    """Grey values of a picture, uint8, shape [rows, columns]."""
+    import cv2
+
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image.data), cv2.COLOR_RGBA2GRAY))
