@@ -142,19 +142,21 @@ class Statics:
         body: the box.
         resistance: of the material.
         force: weight per volume [N/m^3], shape [3].
+        gauss: points along each axis of a cell, in which forces are summed.
     """
 
     space: Space
     body: Body
     resistance: Resistance
     force: np.ndarray
+    gauss: int = GAUSS
 
     @cached_property
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Points [m] and shares of the volume; of those that symmetry makes alike, one."""
         symmetry, body = self.space.symmetry, self.body
         cells = quadrature_cells(self.space, (), body, symmetry.mirrors)
-        X, share = body.gauss(cells, GAUSS)
+        X, share = body.gauss(cells, self.gauss)
         if symmetry.exchange:
             middle = 0.5 * (body.low + body.high)
             across = (X - middle)[:, symmetry.exchange]

@@ -22,6 +22,7 @@ from form_drake.records import Recording
 
 LOOKS = 12  # frames that stand for all, where not each is needed
 SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
+ROUGH = 2  # Gauss points along each axis of a cell, where only friction is told from friction
 FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
@@ -111,7 +112,7 @@ class Seen:
         if not any(hold.face.condition == "bonded" for hold in self.holds):
             return 0.0
         statics, seen = self._statics(resistance)
-        return _friction(statics, seen)
+        return _friction(replace(statics, gauss=ROUGH), seen)
 
     def fit(self, resistance: Resistance, friction: float | None = None) -> Fit:
         """The motion of the whole body, as far as its material is known.
