@@ -91,6 +91,7 @@ API = {
         "form_drake.perceive.seen.Sight",
         "form_drake.perceive.seen.followed",
         "form_drake.perceive.seen.gathered",
+        "form_drake.seen_report.write_seen_report",
         "form_drake.perceive.pictures.Pictures",
         "form_drake.perceive.rig.Rig",
         "form_drake.perceive.speckle.speckle",

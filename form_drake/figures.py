@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 
 from form_drake.mpm.prediction import Prediction
+from form_drake.perceive.track import ALIKE
 from form_drake.records import Recording
+
+UNLIKE = (1e-5, 1.0 - ALIKE)  # range of 1 - likeness that is coloured
+ROOM = 12  # pixels about the points that are shown
 
 
 def _figure(width: float, height: float) -> Any:
@@ -231,3 +235,95 @@ def residual_map(white: np.ndarray, middles: np.ndarray, names: Sequence[str]) -
     axes.set_xlabel("middle of the window [s]")
     figure.colorbar(shown, cax=grid[1, 1], label="residual [standard deviations]")
     return figure
+
+
+def points_on_picture(
+    rows: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], titles: Sequence[str]
+) -> Any:
+    """Pictures of one camera with points on them.
+
+    Args:
+        rows: of each picture: grey values, places of points [px] (NaN: lost), their likeness, and where those
+            that are lost were seen last [px].
+        titles: of the pictures.
+    """
+    from matplotlib.colors import LogNorm
+
+    figure = _figure(4.6 * len(rows), 3.9)
+    shown = None
+    for n, ((picture, pixel, likeness, lost), title) in enumerate(zip(rows, titles, strict=True)):
+        axes = _picture(figure, len(rows), n + 1, picture, title)
+        unlike = np.maximum(1.0 - likeness, UNLIKE[0])
+        shown = axes.scatter(
+            *pixel.T, c=unlike, s=9, cmap="plasma", norm=LogNorm(*UNLIKE), linewidths=0
+        )
+        axes.scatter(*lost.T, c="#00c8ff", s=22, marker="x", linewidths=1)
+    _closer(figure.axes, np.concatenate([places for _, *two in rows for places in two[::2]]))
+    figure.colorbar(shown, ax=figure.axes, shrink=0.8, label="1 - likeness")
+    return figure
+
+
+def rests_on_picture(
+    picture: np.ndarray, pixel: np.ndarray, across: np.ndarray, out: np.ndarray
+) -> Any:
+    """What is wrong with points [um], on a picture: arrows in it, colours for what sticks out of the face."""
+    figure = _figure(9, 6)
+    axes = _picture(figure, 1, 1, picture, "")
+    size = float(np.nanquantile(np.linalg.norm(across, axis=1), 0.9))
+    arrows = axes.quiver(
+        *pixel.T,
+        *across.T,
+        angles="xy",
+        scale_units="xy",
+        scale=max(size, 1e-9) / 14.0,
+        color="#ffd21f",
+        width=0.002,
+    )
+    axes.quiverkey(
+        arrows, 0.05, -0.06, size, f"{size:.2g} um in the face", labelpos="E", color="#b08a00"
+    )
+    _closer([axes], pixel)
+    most = float(np.nanquantile(np.abs(out), 0.95))
+    shown = axes.scatter(*pixel.T, c=out, s=10, cmap="coolwarm", vmin=-most, vmax=most)
+    figure.colorbar(shown, ax=axes, shrink=0.8, label="out of the face [um]")
+    return figure
+
+
+def likeness_over_time(
+    time: np.ndarray, held: np.ndarray, likeness: np.ndarray, rest: Mapping[str, np.ndarray]
+) -> Any:
+    """Share of points that is held, likeness [frames, points] and root mean squares [um] over time [s]."""
+    figure = _figure(11, 3.2)
+    for n, label in enumerate(("share held", "likeness", "not shared [um]")):
+        axes = figure.add_subplot(1, 3, n + 1)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+    first, second, third = figure.axes
+    first.plot(time, held)
+    first.set_ylim(0.0, 1.05)
+    second.plot(time, np.nanmedian(likeness, axis=1), label="median")
+    second.plot(time, np.nanquantile(likeness, 0.05, axis=1), label="worst twentieth")
+    for name, curve in rest.items():
+        third.plot(time, curve, label=name)
+    for axes in (second, third):
+        axes.legend(fontsize=8)
+    figure.tight_layout()
+    return figure
+
+
+def _closer(every: Sequence[Any], pixel: np.ndarray) -> None:
+    """Show the part of pictures that holds some places [px]."""
+    low, high = np.nanmin(pixel, axis=0) - ROOM, np.nanmax(pixel, axis=0) + ROOM
+    for axes in every:
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(high[1], low[1])
+
+
+def _picture(figure: Any, columns: int, index: int, picture: np.ndarray, title: str) -> Any:
+    axes = figure.add_subplot(1, columns, index)
+    axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
+    axes.set_title(title, fontsize=10)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    return axes

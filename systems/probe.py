@@ -13,6 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, smooth
+from form_drake.motion.body import Face
 from form_drake.perceive.rig import Rig
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
@@ -114,7 +115,9 @@ def prepare(
         scenario = seen_by_cameras(scenario)
     recorder = _add_recorder(builder, scenario, station, seen, motion.end_time())
     if seen and meshcat is not None:
-        viewer = builder.AddNamedSystem("sight_viewer", SightViewer(meshcat))
+        viewer = builder.AddNamedSystem(
+            "sight_viewer", SightViewer(meshcat, Face.named(scenario.stereo.face).normal)
+        )
         tracks = builder.GetSubsystemByName("tracks")
         builder.Connect(tracks.get_output_port(), viewer.get_input_port())
     if answers is not None:

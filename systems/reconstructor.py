@@ -36,11 +36,20 @@ class Reconstructor(Behind):
         every: time between reconstructions [s].
         period: step of the simulation [s].
         wait: whether simulated time waits for the work, see ``Behind``.
+        force: source of the force.
     """
 
-    def __init__(self, *, every: float = 0.25, period: float = 0.001, wait: bool = True):
+    def __init__(
+        self,
+        *,
+        every: float = 0.25,
+        period: float = 0.001,
+        wait: bool = True,
+        force: str = "sensor",
+    ):
         steps = max(round(every / period), 1)
         super().__init__("inside", period=period, every=steps, begin=steps, wait=wait)
+        self._force = force
         self.DeclareAbstractInputPort("recording", Value[object](None))
         self.DeclareAbstractInputPort("material", Value[object](None))
 
@@ -59,6 +68,6 @@ class Reconstructor(Behind):
     ) -> tuple[None, Reconstruction]:
         """As of the base."""
         try:
-            return None, Reconstruction(inside(*given))
+            return None, Reconstruction(inside(*given, force=self._force))
         except ValueError as refusal:
             return None, Reconstruction(None, str(refusal))

@@ -6,14 +6,18 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from pydrake.systems.sensors import ImageRgba8U
 
+from form_drake.figures import UNLIKE
 from form_drake.perceive.rig import Rig
 from form_drake.perceive.seen import Sight, followed
 from form_drake.perceive.stereo import Followed
-from form_drake.perceive.track import ALIKE
 from form_drake.systems.behind import Behind
 from form_drake.systems.viewer import cloud
 
-SIGHT, POINT = "/sight", 8e-4  # path in Meshcat, size of a point [m]
+SIGHT, POINT, LIFT = (
+    "/sight",
+    8e-4,
+    1.5e-3,
+)  # path in Meshcat; size of a point, and how far before [m]
 APART = 0.25  # of the time between frames, by which two pictures of one frame may be apart
 
 
@@ -71,26 +75,40 @@ class Tracker(Behind):
 class SightViewer(LeafSystem):
     """Draws the points that are followed, coloured by how alike their surroundings still are.
 
+    They stand a little before their face, so that nothing hides them. Each frame is an object of its
+    own, which Meshcat's recording shows until the next.
+
     Ports: in ``sight``, as the tracker's output.
 
     Args:
         meshcat: to draw into.
+        normal: outward of the face that is seen, in world, shape [3].
         rate: of the drawing [Hz].
     """
 
-    def __init__(self, meshcat: Meshcat, rate: float = 30.0):
+    def __init__(self, meshcat: Meshcat, normal: np.ndarray, rate: float = 30.0):
         super().__init__()
-        self._meshcat = meshcat
+        self._meshcat, self._before, self._seen = meshcat, LIFT * normal, -np.inf
+        self.frames: list[str] = []
         self.DeclareAbstractInputPort("sight", Value[object](None))
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._publish)
         self.DeclareForcedPublishEvent(self._publish)
 
     def _publish(self, context: Context) -> EventStatus:
         sight = self.get_input_port().Eval(context).value
-        if sight is None or not sight.held.any():
+        if sight is None or sight.time == self._seen or not sight.held.any():
             return EventStatus.DidNothing()
-        shown = cloud(sight.p_WQ[sight.held], sight.likeness[sight.held], (ALIKE, 1.0))
-        self._meshcat.SetObject(SIGHT, shown, point_size=POINT)
+        self._seen, now = sight.time, context.get_time()
+        p_WQ = sight.p_WQ[sight.held] + self._before
+        unlike = np.log10(np.maximum(1.0 - sight.likeness[sight.held], UNLIKE[0]))
+        path = f"{SIGHT}/{len(self.frames)}"
+        limits = (float(np.log10(UNLIKE[0])), float(np.log10(UNLIKE[1])))
+        self._meshcat.SetObject(path, cloud(p_WQ, unlike, limits), point_size=POINT)
+        self._meshcat.SetProperty(path, "visible", False, 0.0)
+        for last in self.frames[-1:]:
+            self._meshcat.SetProperty(last, "visible", False, now)
+        self._meshcat.SetProperty(path, "visible", True, now)
+        self.frames.append(path)
         return EventStatus.Succeeded()
 
 

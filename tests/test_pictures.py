@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 
 from form_drake import Recording, Stream, identify, read
 from form_drake.commands.output import run_in
@@ -87,7 +88,9 @@ def test_a_probe_seen_in_the_diagram_is_that_seen_afterwards(tmp_path):
     way = "[{time: 0.0, p_WT: [0.5, 0.0, 0.0752]}, {time: 0.4, p_WT: [0.5, 0.0, 0.0745]}]"
     small = ("stereo.size=[320, 240]", "stereo.focus=2000", "stereo.rate=20", "solver.dx=3e-3")
     scenario = load_scenario("press_a", (*small, f"probe.waypoints={way}"))
-    within = record(prepare(scenario, seen=True))
+    meshcat = Meshcat()
+    within = record(prepare(scenario, meshcat, seen=True))
+    assert all(meshcat.HasPath(f"/sight/{n}") for n in range(4)) and not meshcat.HasPath("/sight/4")
     scenario = seen_by_cameras(scenario)
     made = record(prepare(scenario))
     rig = rig_of(scenario, frames_a_second(made))

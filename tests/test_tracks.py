@@ -84,8 +84,14 @@ def test_pictures_become_a_recording(seen, tmp_path):
         tmp_path / "probe.h5",
         "--out",
         out,
+        "--report",
+        tmp_path / "seen.html",
     )
     assert done.returncode == 0, done.stderr
+    page = (tmp_path / "seen.html").read_text()
+    assert (
+        page.count("<img") == 4 and f"without: {GAP}" in page and f"{FRAMES - 1} at 50 Hz" in page
+    )
     assert f"frame {GAP}: no picture of right, left out" in done.stderr
     made = read(out)
     assert made.frames == FRAMES - 1 and made.density == 900.0 and set(made.forces) == {"plate"}

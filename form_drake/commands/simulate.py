@@ -126,9 +126,12 @@ class Simulate:
             "probe.h5",
             "--out",
             "tracks.h5",
+            "--report",
+            "seen.html",
         ]
         run_in(seen, "track", *words, "--device", self.device)
         (seen / "tracks.h5").rename(folder / "recording.h5")
+        (seen / "seen.html").rename(folder / "seen.html")
         return read_recording(folder / "recording.h5")
 
 

@@ -26,6 +26,8 @@ class Track:
     probe: Path | None = None
     """Recording of what was measured beside the pictures (poses, forces, law, contact); frame 0 is at
     its first stamp."""
+    report: Path | None = None
+    """Page to write (.html): pictures with the points on them, and what is wrong with each."""
     device: str = "cpu"
     """Warp device: cpu or cuda:0."""
     json: bool = False
@@ -35,10 +37,12 @@ class Track:
         """Track, complete with what the probe measured, and write the recording."""
         from form_drake.perceive.pictures import Pictures
         from form_drake.perceive.rig import Rig
-        from form_drake.perceive.seen import completed, tracked
+        from form_drake.perceive.seen import Sight, completed, tracked
+        from form_drake.seen_report import write_seen_report
 
         device(self.device)
         out = out_file(self.out, ".h5", ".hdf5")
+        page = None if self.report is None else out_file(self.report, ".html", option="--report")
         rig = Rig.read(self.calibration)
         beside = None if self.probe is None else read(self.probe)
         pictures = Pictures.found(self.images, list(rig.cameras))
@@ -47,10 +51,19 @@ class Track:
         with tqdm(
             total=len(pictures.frames), unit="frame", disable=None, delay=2, leave=False
         ) as bar:
-            found = tracked(rig, pictures, begin, self.device, lambda *_: bar.update())
+            sights: list[Sight] = []
+
+            def seen(_: int, sight: Sight) -> None:
+                sights.append(sight)
+                bar.update()
+
+            found = tracked(rig, pictures, begin, self.device, seen)
         held = float(np.mean(found.valid)) if found.valid is not None else 1.0
         made = found if beside is None else completed(found, beside)
         write_recording(made, out)
+        if page is not None:
+            write_seen_report(page, rig, pictures, sights)
+            say(f"report: {page}")
         result = {
             "recording": str(out),
             "frames": made.frames,

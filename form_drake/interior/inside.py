@@ -37,7 +37,11 @@ class Inside:
 
 
 def inside(
-    recording: Recording, material: Material | None = None, X: np.ndarray | None = None
+    recording: Recording,
+    material: Material | None = None,
+    X: np.ndarray | None = None,
+    *,
+    force: str = "sensor",
 ) -> Inside:
     """The inside of a body in the last frame of a recording.
 
@@ -46,10 +50,12 @@ def inside(
         material: that completes the surface's motion; None: Hencky's elasticity stands in.
         X: positions free of stress of the points that are wanted [m], shape [points, 3]; None: of an even
             grid.
+        force: source of the force that tells when a tool presses.
 
     Raises:
         ValueError: too few points or frames, or no motion that passes through what is seen.
     """
+    recording = recording.measured_by(force)
     shape = body(recording)
     X = _grid(shape) if X is None else X
     if recording.on_surface:

@@ -1,0 +1,144 @@
+"""HTML report of points that two cameras have followed: pictures, what is wrong with points, and when."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander2d
+
+from form_drake.figures import likeness_over_time, points_on_picture, rests_on_picture
+from form_drake.perceive.pictures import Pictures
+from form_drake.perceive.rig import Rig
+from form_drake.perceive.seen import Sight
+from form_drake.report import Report
+
+ORDER, LEAST = 9, 3  # of a polynomial along the longer side of the face, and the least across
+LOST = 5  # frames without pictures that are told one by one
+LOOKS = 3  # pictures of each camera that are shown
+
+
+def write_seen_report(path: Path, rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> None:
+    """Write what cameras saw and how well points were followed.
+
+    Args:
+        path: of the page.
+        rig: the cameras.
+        pictures: that were read.
+        sights: of every frame.
+    """
+    report = Report(f"Points on face {rig.face.name}, followed by {' and '.join(rig.cameras)}")
+    held = np.array([sight.held for sight in sights])
+    rest = 1e6 * np.array([rests(rig, sight, sights[0]) for sight in sights])
+    report.table(["what", "value"], _facts(rig, pictures, sights, held, rest))
+    farthest = int(np.nanargmax([_moved(sight, sights[0]) for sight in sights]))
+    looks = sorted({0, farthest, len(sights) - 1})
+    if len(looks) < LOOKS:
+        looks = sorted({*looks, farthest // 2})
+    report.heading("What each camera sees")
+    report.paragraph(
+        "Points are coloured by how unlike their surroundings have become to the first picture; crosses are"
+        " points that were lost, where they were seen last."
+    )
+    cameras = list(rig.cameras.values())
+    for n, name in enumerate(rig.cameras):
+        rows = []
+        for k in looks:
+            picture, sight = pictures.pair(k, cameras)[n], sights[k]
+            rows.append((picture, sight.pixel[n], sight.likeness, _last(sights[: k + 1], n)))
+        titles = [f"{name}, t = {sights[k].time:.2f} s" for k in looks]
+        report.figure(points_on_picture(rows, titles), f"Camera {name}")
+    report.heading("What neighbours do not share")
+    report.paragraph(
+        f"Displacement of each point less a polynomial of order {ORDER} along the face (less across), fitted to all"
+        " of them: noise of the correlation, and what is finer than that polynomial. Arrows lie in the face; colours"
+        " tell the part that sticks out of it."
+    )
+    picture = pictures.pair(farthest, cameras)[0]
+    away = _on_picture(rig, sights[farthest], rest[farthest])
+    report.figure(
+        rests_on_picture(picture, sights[farthest].pixel[0], *away),
+        f"The picture in which points have moved farthest, t = {sights[farthest].time:.2f} s",
+    )
+    report.heading("Over time")
+    time = np.array([sight.time for sight in sights])
+    likeness = np.array([np.where(s.held, s.likeness, np.nan) for s in sights])
+    across = [a for a in range(3) if a != rig.face.axis]
+    size = {
+        "in the face": np.sqrt(np.nanmean(rest[:, :, across] ** 2, axis=(1, 2))),
+        "out of it": np.sqrt(np.nanmean(rest[:, :, rig.face.axis] ** 2, axis=1)),
+    }
+    report.figure(
+        likeness_over_time(time, held.mean(axis=1), likeness, size),
+        "Share of the points that is held, likeness (median and worst twentieth), and what neighbours do not share",
+    )
+    report.write(path)
+
+
+def rests(rig: Rig, sight: Sight, first: Sight) -> np.ndarray:
+    """What a smooth field leaves of displacements from the first sight [m]; NaN: lost, shape [points, 3]."""
+    found = np.full(sight.p_WQ.shape, np.nan)
+    held = sight.held & first.held
+    across = [a for a in range(3) if a != rig.face.axis]
+    size = rig.high[across] - rig.low[across]
+    at = 2.0 * (first.p_WQ[held][:, across] - rig.low[across]) / size - 1.0
+    orders = [max(LEAST, round(ORDER * float(s / size.max()))) for s in size]
+    D = chebvander2d(*at.T, orders)
+    if len(D) > 2 * D.shape[1]:
+        u = sight.p_WQ[held] - first.p_WQ[held]
+        freedom = 1.0 - D.shape[1] / len(D)
+        found[held] = (u - D @ np.linalg.lstsq(D, u, rcond=None)[0]) / np.sqrt(freedom)
+    return found
+
+
+def _moved(sight: Sight, first: Sight) -> float:
+    held = sight.held & first.held
+    if not held.any():
+        return 0.0
+    return float(np.mean(np.linalg.norm((sight.p_WQ - first.p_WQ)[held], axis=1)))
+
+
+def _last(sights: Sequence[Sight], camera: int) -> np.ndarray:
+    """Where points that are lost in the last of some sights were seen last [px], shape [lost, 2]."""
+    lost = ~np.isfinite(sights[-1].pixel[camera, :, 0])
+    found = np.full((int(lost.sum()), 2), np.nan)
+    for sight in sights:
+        now = sight.pixel[camera, lost]
+        found = np.where(np.isfinite(now), now, found)
+    return found
+
+
+def _on_picture(rig: Rig, sight: Sight, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """In the first camera's picture: directions right and down, and out of the face [um]."""
+    X_WC = next(iter(rig.cameras.values())).X_WC
+    return rest @ X_WC[:3, :2], rest @ rig.face.normal
+
+
+def _facts(
+    rig: Rig, pictures: Pictures, sights: Sequence[Sight], held: np.ndarray, rest: np.ndarray
+) -> list[list[str]]:
+    likeness = np.concatenate([s.likeness[s.held] for s in sights[1:]])
+    stated = np.nanmean([s.covariance[s.held].mean(axis=0) for s in sights[1:]], axis=0)
+    axis = rig.face.axis
+    across = [a for a in range(3) if a != axis]
+    deviation = 1e6 * np.sqrt(np.diag(stated))
+    missing = ", ".join(map(str, list(pictures.missing)[:LOST])) or "none"
+    missing += f" and {len(pictures.missing) - LOST} more" * (len(pictures.missing) > LOST)
+    rows: list[tuple[str, Any]] = [
+        ("frames", f"{len(sights)} at {rig.rate:.4g} Hz, without: {missing}"),
+        ("points", f"{held.shape[1]}, {100 * held[1:].mean():.1f} % held"),
+        (
+            "likeness",
+            f"median {np.median(likeness):.3f}, worst twentieth {np.quantile(likeness, 0.05):.3f}",
+        ),
+        (
+            "stated deviation of a point",
+            f"{np.sqrt(np.mean(deviation[across] ** 2)):.2g} um in the face, {deviation[axis]:.2g} um out of it",
+        ),
+        (
+            "not shared by neighbours",
+            f"{np.sqrt(np.nanmean(rest[1:][..., across] ** 2)):.2g} um in the face,"
+            f" {np.sqrt(np.nanmean(rest[1:][..., axis] ** 2)):.2g} um out of it",
+        ),
+    ]
+    return [[name, text] for name, text in rows]
