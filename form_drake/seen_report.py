@@ -83,7 +83,7 @@ def rests(rig: Rig, sight: Sight, first: Sight) -> np.ndarray:
     size = rig.high[across] - rig.low[across]
     at = 2.0 * (first.p_WQ[held][:, across] - rig.low[across]) / size - 1.0
     orders = [max(LEAST, round(ORDER * float(s / size.max()))) for s in size]
-    D = chebvander2d(*at.T, orders)
+    D = chebvander2d(at[:, 0], at[:, 1], orders)
     if len(D) > 2 * D.shape[1]:
         u = sight.p_WQ[held] - first.p_WQ[held]
         freedom = 1.0 - D.shape[1] / len(D)
