@@ -150,17 +150,20 @@ def test_the_slope_of_a_stress_is_its_derivative_and_turning_stresses_nothing():
     rng = np.random.default_rng(0)
     law = law_named("von-mises")
     resistance = Resistance.of(Material(law, {"mu": 2e4, "lam": 3e4, "tau_y": 400.0}))
-    past = Past.none(5)
-    F = np.eye(3) + 0.03 * rng.standard_normal((5, 3, 3))
-    push = 1e-5 * rng.standard_normal((5, 3, 3))
-    _, slope, elastic = resistance.answer(F, past)
+    first = np.eye(3) + 0.03 * rng.standard_normal((5, 3, 3))
+    past = Past(first, resistance.answer(first, Past.none(5))[1])
+    F = first + 1e-3 * rng.standard_normal((5, 3, 3))
+    push = 1e-6 * rng.standard_normal((5, 3, 3))
+    elastic, slope = resistance.answer(F, past)[1], resistance.slope(F, past)
     ends = [resistance.answer(F + s * push, past)[0] for s in (1.0, -1.0)]
+    still = resistance.answer(past.F, past)[1]
+    assert not np.allclose(elastic @ np.linalg.inv(F), still @ np.linalg.inv(past.F), atol=1e-5)
     found = np.einsum("pij,pj->pi", slope, push.reshape(5, 9))
     assert np.allclose(found, 0.5 * (ends[0] - ends[1]).reshape(5, 9), rtol=1e-3, atol=1e-9)
     assert not np.allclose(elastic, F, atol=1e-3)  # it has yielded
     Q = np.linalg.qr(rng.standard_normal((5, 3, 3)))[0]
     Q *= np.sign(np.linalg.det(Q))[:, None, None]
-    assert np.abs(Resistance.plain(0.4).answer(Q, past)[0]).max() < 1e-9
+    assert np.abs(Resistance.plain(0.4).answer(Q, Past.none(5))[0]).max() < 1e-9
 
 
 @pytest.mark.parametrize("words", ["w", "xy", "x y xyz", "x y z xy yz", "xx"])

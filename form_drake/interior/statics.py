@@ -22,7 +22,6 @@ from form_drake.motion import Body
 from form_drake.motion.space import Space
 from form_drake.weak.ready import halved, quadrature_cells
 
-GAUSS = 3  # points along each axis of a cell
 TRUST = 1e-3  # strain to which the balance is trusted
 ROUNDS = 40  # of Newton's steps in a frame
 FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
@@ -142,21 +141,19 @@ class Statics:
         body: the box.
         resistance: of the material.
         force: weight per volume [N/m^3], shape [3].
-        gauss: points along each axis of a cell, in which forces are summed.
     """
 
     space: Space
     body: Body
     resistance: Resistance
     force: np.ndarray
-    gauss: int = GAUSS
 
     @cached_property
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Points [m] and shares of the volume; of those that symmetry makes alike, one."""
         symmetry, body = self.space.symmetry, self.body
         cells = quadrature_cells(self.space, (), body, symmetry.mirrors)
-        X, share = body.gauss(cells, self.gauss)
+        X, share = _reduced(cells, body)
         if symmetry.exchange:
             middle = 0.5 * (body.low + body.high)
             across = (X - middle)[:, symmetry.exchange]
@@ -201,20 +198,25 @@ class Statics:
 
     def _forces(self, y: np.ndarray, grips: Sequence[Grip], last: Held) -> Forces:
         _, share = self._quadrature
-        slopes = self._slopes
-        flat, weigh = slopes.reshape(-1, self.space.size), share[:, None] / TRUST**2
+        flat, weigh = self._slopes.reshape(-1, self.space.size), share[:, None] / TRUST**2
         F = np.eye(3) + (flat @ y).reshape(-1, 3, 3)
-        P, slope, elastic = self.resistance.answer(F, last.past)
+        P, elastic = self.resistance.answer(F, last.past)
         left = flat.T @ (weigh * P.reshape(-1, 9)).ravel() - self._load / TRUST**2
-        short, size = self._short, self.space.size  # slopes need fewer digits
-        stiff = (weigh[..., None] * slope).astype(np.float32)
-        K = (short.reshape(-1, size).T @ (stiff @ short).reshape(-1, size)).astype(float)
+        K = self._stiffness(F, last.past)
         rubs: dict[int, np.ndarray] = {}
         for rub in (grip.rub for grip in grips if grip.rub):
             before = last.rubbed.get(rub.face, rub.none)
-            more, slope, rubs[rub.face] = rub.answer(y - last.y, before)
-            left, K = left + more, K + slope
+            more, own, rubs[rub.face] = rub.answer(y - last.y, before)
+            left, K = left + more, K + own
         return Forces(left, K, Past(F, elastic), rubs)
+
+    def _stiffness(self, F: np.ndarray, past: Past) -> np.ndarray:
+        """Derivative of the law's forces, shape [size, size]."""
+        _, share = self._quadrature
+        weigh, size = share[:, None, None] / TRUST**2, self.space.size
+        short = self._short  # slopes need fewer digits
+        stiff = (weigh * self.resistance.slope(F, past)).astype(np.float32)
+        return (short.reshape(-1, size).T @ (stiff @ short).reshape(-1, size)).astype(float)
 
     def held(self, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
         """The frame after ``last``.
@@ -261,6 +263,25 @@ class Statics:
         rubs = [(grip.rub, grip.force(y, push)) for grip in grips if grip.rub]
         rubbed = {rub.face: rub.after(found.rubs[rub.face], held) for rub, held in rubs}
         return Held(y, alone, push, seen, found.past, stiffness, left, settled, rubbed, y - last.y)
+
+
+def _reduced(breaks: Sequence[np.ndarray], body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points of cells [m], shape [points, 3], and their weights.
+
+    Cubic splines are so smooth that two along each axis do, and three in the cells at the ends of the
+    body (Schillinger, Hossain and Hughes 2014).
+    """
+    at, share = [], []
+    for ends, low, high in zip(breaks, body.low, body.high, strict=True):
+        rim = np.isclose(ends[:-1], low) | np.isclose(ends[1:], high)
+        rules = [np.polynomial.legendre.leggauss(3 if last else 2) for last in rim]
+        middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
+        at.append(
+            np.concatenate([m + h * x for m, h, (x, _) in zip(middle, half, rules, strict=False)])
+        )
+        share.append(np.concatenate([h * w for h, (_, w) in zip(half, rules, strict=False)]))
+    grid = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid, np.einsum("i,j,k->ijk", *share).ravel()
 
 
 Equation = tuple[np.ndarray, np.ndarray]

@@ -22,7 +22,6 @@ from form_drake.records import Recording
 
 LOOKS = 12  # frames that stand for all, where not each is needed
 SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
-ROUGH = 2  # Gauss points along each axis of a cell, where only friction is told from friction
 FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
@@ -112,7 +111,7 @@ class Seen:
         if not any(hold.face.condition == "bonded" for hold in self.holds):
             return 0.0
         statics, seen = self._statics(resistance)
-        return _friction(replace(statics, gauss=ROUGH), seen)
+        return _friction(statics, seen)
 
     def fit(self, resistance: Resistance, friction: float | None = None) -> Fit:
         """The motion of the whole body, as far as its material is known.
@@ -198,13 +197,18 @@ def _friction(statics: Statics, seen: Seen) -> float:
 
 
 def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
-    """The least value at even places, and where a parabola through it and its neighbours is least."""
-    values = [function(place) for place in places]
-    k = int(np.clip(np.argmin(values), 1, len(values) - 2))
-    left, here, right = values[k - 1 : k + 2]
+    """The least value at four even places, and where a parabola through it and its neighbours is least.
+
+    There is one least value: on the far side of the greater of the inner two none is looked for.
+    """
+    inner = function(places[1]), function(places[2])
+    k = 1 if inner[0] <= inner[1] else 2
+    outer = function(places[0 if k == 1 else 3])
+    left, here, right = (outer, *inner) if k == 1 else (*inner, outer)
     bend, step = left - 2.0 * here + right, places[1] - places[0]
     shift = 0.5 * (left - right) / bend if bend > 0.0 else float(np.sign(left - right))
-    return min(values), float(np.clip(places[k] + step * shift, places[0], places[-1]))
+    least = float(np.clip(places[k] + step * shift, places[0], places[-1]))
+    return min(left, here, right), least
 
 
 def _sunk(statics: Statics, seen: Seen) -> Seen:
