@@ -277,9 +277,9 @@ def _reduced(breaks: Sequence[np.ndarray], body: Body) -> tuple[np.ndarray, np.n
         rules = [np.polynomial.legendre.leggauss(3 if last else 2) for last in rim]
         middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
         at.append(
-            np.concatenate([m + h * x for m, h, (x, _) in zip(middle, half, rules, strict=False)])
+            np.concatenate([m + h * x for m, h, (x, _) in zip(middle, half, rules, strict=True)])
         )
-        share.append(np.concatenate([h * w for h, (_, w) in zip(half, rules, strict=False)]))
+        share.append(np.concatenate([h * w for h, (_, w) in zip(half, rules, strict=True)]))
     grid = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
     return grid, np.einsum("i,j,k->ijk", *share).ravel()
 
