@@ -85,7 +85,10 @@ def found(error, std=0.5, held=1.0):
 
 def test_tables_say_what_is_met_and_where_it_breaks():
     exact = {"exact": {"errors": {"E": {"error": 0.1, "std": 0.1}}}}
-    cases = {f"stereo/bend-{n}": {**found(e), **exact} for n, e in enumerate([0.5, -0.6, 4.0])}
+    drawn = [0.5, -0.6, 4.0, 0.5, -0.7, 0.6, -0.6, 0.6, 0.5, 0.7]
+    cases = {f"stereo/bend-{n}": {**found(e), **exact} for n, e in enumerate(drawn)}
+    inside = {"inside_um": 12.3, "moved_um": 4567.0}
+    cases |= {f"stereo/press-{n}": {**found(e), **exact, **inside} for n, e in enumerate(drawn[:3])}
     cases["stereo/bend_a"] = {**found(-0.62), **exact}
     cases["fe/bend-touching-a"] = found(0.8)
     cases["paper/bend_a"] = found(0.3)
@@ -94,7 +97,11 @@ def test_tables_say_what_is_met_and_where_it_breaks():
     cases["sweep/noise/20/bend_a"] = found(0.1, held=0.4)
     cases["sweep/nu/1/bend_a"] = found(0.1)
     told = table({"cases": cases})
-    assert "median 0.60 met (goal 1), worst 4.00 MISSED (goal 3), 90 % intervals hold 67 %" in told
+    assert (
+        "median 0.60 met (goal 1), worst 4.00 MISSED (goal 3), 90 % intervals hold 90 % met" in told
+    )
+    few = "3 of 10 specimens: median 0.60, worst 4.00, 90 % intervals hold 67 %\n"
+    assert few in f"{told}\n" and "inside off by 12.3 of 4567 um" in told
     assert "bend_a" in told and "E -0.62 ± 0.98" in told and "met (goal 0.7)" in told
     assert "MISSED (goal 0.7)" in told and "paper: E 0.76" in told
     assert "broken from 2 on" in told and "broken from 20 on" in told and "not up to 1" in told

@@ -25,6 +25,7 @@ from form_drake.bench.probes import NAMED, SPECIMENS, planned_cases
 from form_drake.bench.probes_motions import code, errors
 from form_drake.identify import Identification, Unidentifiable, identify
 from form_drake.material import Material, checked_values
+from form_drake.motion import Sampling
 from form_drake.records import Recording
 
 PAPER = {  # 1280 x 1280 pixels, 100 frames a second, grey noise 0.5, focal length [px]
@@ -51,7 +52,7 @@ def from_pictures(views: Views, name: str, made: tuple[str, ...], level: Level) 
 
     true = load_scenario(name, made).specimen.made()
     seen = views.tracks(name, made, level.look, level.kept)
-    return _answered(level.edit(seen), true)
+    return _answered(level.edit(seen), true)[0]
 
 
 def beside_exact(views: Views, name: str, made: tuple[str, ...]) -> dict[str, Any]:
@@ -64,8 +65,11 @@ def beside_exact(views: Views, name: str, made: tuple[str, ...]) -> dict[str, An
     exact = replace(
         particles, p_WQ=particles.p_WQ[:, chosen], p_reference=particles.reference[chosen]
     )
-    beside = _errors(lambda: identify(exact, method="weak"), scenario.specimen.made())
-    return {**from_pictures(views, name, made, Level()), "exact": beside}
+    beside = _errors(_identified(exact), scenario.specimen.made())
+    true = scenario.specimen.made()
+    found, answer = _answered(views.tracks(name, made), true)
+    inside = {} if answer is None else _inside(answer, exact)
+    return {**found, **inside, "exact": beside}
 
 
 def from_finite_elements(views: Views, case: str) -> dict[str, Any]:
@@ -74,29 +78,50 @@ def from_finite_elements(views: Views, case: str) -> dict[str, Any]:
 
     seen, values = views.finite(case)
     law = load_scenario(SHOWN_AS[case.split("-")[0]]).specimen.made().law
-    return _answered(seen, Material(law, checked_values(law, values)))
+    return _answered(seen, Material(law, checked_values(law, values)))[0]
 
 
-def _answered(seen: Recording, true: Material) -> dict[str, Any]:
+Answered = Identification | str  # or why there is none
+
+
+def _identified(seen: Recording) -> Answered:
+    try:
+        return identify(seen, method="weak")
+    except (Unidentifiable, ValueError) as refusal:
+        return str(refusal)
+
+
+def _answered(seen: Recording, true: Material) -> tuple[dict[str, Any], Identification | None]:
+    """What is told of a case, and the answer if there is one."""
     begun = time.perf_counter()
-    held = 1.0 if seen.valid is None else float(seen.valid.mean())
-    return {
-        **_errors(lambda: identify(seen, method="weak"), true),
+    answer = _identified(seen)
+    facts = {
         "points": seen.points,
         "frames": seen.frames,
-        "held": held,
+        "held": 1.0 if seen.valid is None else float(seen.valid.mean()),
         "noise_um": 1e6 * (seen.noise or 0.0),
         "seconds": time.perf_counter() - begun,
     }
+    return {**_errors(answer, true), **facts}, None if isinstance(answer, str) else answer
 
 
-def _errors(answered: Callable[[], Identification], true: Material) -> dict[str, Any]:
-    try:
-        answer = answered()
-    except (Unidentifiable, ValueError) as refusal:
-        return {"errors": {}, "refused": str(refusal)}
+def _errors(answer: Answered, true: Material) -> dict[str, Any]:
+    if isinstance(answer, str):
+        return {"errors": {}, "refused": answer}
     passes = answer.details.get("passes_inside")
     return {"errors": errors(answer, true), **({} if passes is None else {"passes": passes})}
+
+
+def _inside(answer: Identification, exact: Recording) -> dict[str, float]:
+    """How far the reconstructed motion is from that of exact tracks throughout the body, root mean square."""
+    fit, X = answer.weak.problem.probes[0].fit, exact.reference
+    time = exact.time - exact.time[0]
+    motion = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c)
+    off, moved = motion.x - exact.p_WQ, exact.p_WQ - X
+    return {
+        "inside_um": 1e6 * float(np.sqrt(np.mean(np.sum(off**2, axis=2)))),
+        "moved_um": 1e6 * float(np.sqrt(np.mean(np.sum(moved**2, axis=2)))),
+    }
 
 
 Cases = dict[str, Callable[[], dict[str, Any]]]
