@@ -1,7 +1,7 @@
 """A probe run: the arm follows the scenario's path, everything measured is recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +13,15 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, smooth
-from form_drake.motion.body import Face
-from form_drake.perceive.rig import Rig
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
-from form_drake.systems.cameras import SpeckleCameras
 from form_drake.systems.follower import PathFollower
 from form_drake.systems.identifier import Answer, Identifier
 from form_drake.systems.motion import timed_path
 from form_drake.systems.page import write_page
-from form_drake.systems.pictures import Photographer, rig_of, seen_by_cameras, without_points
-from form_drake.systems.recorder import FORCES, ParticleTracks, Recorder
+from form_drake.systems.recorder import FORCES, ParticleTracks, Recorder, Source
 from form_drake.systems.scenario import Scenario
+from form_drake.systems.seeing import add_cameras
 from form_drake.systems.station import (
     Station,
     directives,
@@ -32,7 +29,6 @@ from form_drake.systems.station import (
     specimen_corners,
     tool_rotation,
 )
-from form_drake.systems.tracker import SightViewer, Tracker
 from form_drake.systems.viewer import View
 
 
@@ -111,77 +107,55 @@ def prepare(
     builder.AddNamedSystem("follower", follower)
     builder.Connect(follower.GetOutputPort("position"), source.GetInputPort("panda.position"))
     builder.Connect(source.GetOutputPort("tool.force"), follower.GetInputPort("force"))
-    if seen:
-        scenario = seen_by_cameras(scenario)
-    recorder = _add_recorder(builder, scenario, station, seen, motion.end_time())
-    if seen and meshcat is not None:
-        viewer = builder.AddNamedSystem(
-            "sight_viewer", SightViewer(meshcat, Face.named(scenario.stereo.face).normal)
-        )
-        tracks = builder.GetSubsystemByName("tracks")
-        builder.Connect(tracks.get_output_port(), viewer.get_input_port())
+    recorder = _add_recorder(
+        builder, scenario, station, _seen(builder, scenario, station, motion, meshcat, seen)
+    )
     if answers is not None:
         identifier = builder.AddNamedSystem("identifier", Identifier(every=answers, told=told))
         builder.Connect(recorder.GetOutputPort("recording"), identifier.get_input_port())
     return Run(scenario, station, recorder, builder.Build(), motion.end_time())
 
 
-def _add_recorder(
-    builder: DiagramBuilder, scenario: Scenario, station: Station, seen: bool, duration: float
-) -> Recorder:
-    measure, solver = scenario.measure, scenario.solver
+def _seen(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    station: Station,
+    motion: Trajectory,
+    meshcat: Meshcat | None,
+    seen: bool,
+) -> Source:
+    """Who tells where points are: the simulation, or two cameras."""
+    measure = scenario.measure
+    if seen:  # of all particles
+        scenario = replace(scenario, measure=replace(measure, points=0, noise=0.0))
     chosen = tracked(scenario, station)
-    header, rig = _header(scenario, station, chosen), None
+    header = _header(scenario, station, chosen)
     if seen:
-        every = max(round(1.0 / (measure.rate * solver.period)), 1)
-        rig = rig_of(scenario, 1.0 / (every * solver.period))
-        header = without_points(header, scenario.stereo.symmetry)
+        return add_cameras(builder, scenario, station, chosen, header, motion.end_time(), meshcat)
+    tracks = ParticleTracks(chosen, measure.noise, measure.seed, measure.rate)
+    builder.AddNamedSystem("tracks", tracks)
+    particles = station.diagram.GetOutputPort("material.particles")
+    builder.Connect(particles, tracks.get_input_port())
+    return Source(tracks, header, measure.rate)
+
+
+def _add_recorder(
+    builder: DiagramBuilder, scenario: Scenario, station: Station, source: Source
+) -> Recorder:
+    solver = scenario.solver
     recorder = Recorder(
-        header,
+        source.header,
         station.tool.body().name(),
         begin=solver.settle,
-        rate=measure.rate,
+        rate=source.rate,
         period=solver.period,
-        rig=rig,
+        rig=source.rig,
     )
     builder.AddNamedSystem("recorder", recorder)
-    particles = station.diagram.GetOutputPort("material.particles")
-    if rig is None:
-        tracks = ParticleTracks(chosen, measure.noise, measure.seed, measure.rate)
-        builder.AddNamedSystem("tracks", tracks)
-        builder.Connect(particles, tracks.get_input_port())
-    else:
-        tracks = _add_tracker(builder, scenario, rig, station.material.scene.rest, chosen, duration)
-        cameras = builder.GetSubsystemByName("cameras")
-        builder.Connect(particles, cameras.get_input_port())
-    builder.Connect(tracks.get_output_port(), recorder.GetInputPort("sight"))
+    builder.Connect(source.tracks.get_output_port(), recorder.GetInputPort("sight"))
     for port in ("tool.X_WT", "panda.position_measured", *FORCES.values()):
         builder.Connect(station.diagram.GetOutputPort(port), recorder.GetInputPort(port))
     return recorder
-
-
-def _add_tracker(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    rig: Rig,
-    rest: np.ndarray,
-    chosen: np.ndarray,
-    duration: float,
-) -> Tracker:
-    """Cameras that see the particles, and who follows points in their pictures."""
-    solver = scenario.solver
-    frames = 1 + int((duration - solver.settle) * rig.rate + 1e-6)
-    photographer = Photographer(scenario, rig, rest[chosen], frames, solver.device)
-    cameras = SpeckleCameras(rig, photographer, chosen, solver.settle)
-    tracker = Tracker(rig, period=solver.period, begin=solver.settle, device=solver.device)
-    builder.AddNamedSystem("cameras", cameras)
-    builder.AddNamedSystem("tracks", tracker)
-    for name in rig.cameras:
-        for port in ("color_image", "image_time"):
-            builder.Connect(
-                cameras.GetOutputPort(f"{name}.{port}"), tracker.GetInputPort(f"{name}.{port}")
-            )
-    return tracker
 
 
 def begin(run: Run) -> Simulator:

@@ -31,6 +31,23 @@ class Heard:
         return self
 
 
+@dataclass(frozen=True)
+class Source:
+    """Who tells a recorder where points are.
+
+    Attributes:
+        tracks: a system whose only output is the points' ``sight``.
+        header: what is known of the points before, see ``Recorder``.
+        rate: of their frames [Hz].
+        rig: whose cameras follow them; None: they are particles.
+    """
+
+    tracks: LeafSystem
+    header: Recording
+    rate: float
+    rig: Rig | None = None
+
+
 class ParticleTracks(LeafSystem):
     """Chosen particles of a simulation as a tracker would report them.
 

@@ -137,13 +137,14 @@ def test_motions_are_kept_until_what_they_depend_on_changes(tmp_path):
     copytree(PACKAGE, package, ignore=ignore_patterns("__pycache__"))
     key = code(package)
     assert key == code()
-    for name in ("identifier", "page", "replay", "snapshots", "viewer"):
+    for name in ("identifier", "page", "replay", "snapshots", "tracker", "viewer"):
         _edited(package / f"systems/{name}.py")
     for name in (
         "motion/body.py",
         "weak/balance.py",
         "identify/weak.py",
         "bench/probes.py",
+        "perceive/track.py",
         "skin.py",
     ):
         _edited(package / name)

@@ -11,9 +11,17 @@ from form_drake.material import Material
 from form_drake.records import Recording, read, write_recording
 
 BEGIN = "form_drake.systems.probe"  # simulates and records
-# What it imports beside and no motion depends on: these show one, identify from it while it runs, or
-# read it (the station takes the names of faces from there).
-READERS = ("systems.identifier", "systems.page", "systems.viewer", "motion.body")
+# What it imports beside and no motion depends on: these show one, see it, identify from it while it
+# runs, or read it (the station takes the names of faces from there).
+READERS = (
+    "systems.identifier",
+    "systems.page",
+    "systems.seeing",
+    "systems.viewer",
+    "motion.body",
+    "perceive.rig",
+    "perceive.seen",
+)
 MODELS = (".sdf", ".urdf", ".yaml")
 
 
