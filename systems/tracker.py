@@ -13,11 +13,12 @@ from form_drake.perceive.stereo import Followed
 from form_drake.systems.behind import Behind
 from form_drake.systems.viewer import cloud
 
+COLOURS = "plasma"  # those of the report
 SIGHT, POINT, LIFT = (
     "/sight",
-    8e-4,
     1.5e-3,
-)  # path in Meshcat; size of a point, and how far before [m]
+    1.5e-3,
+)  # path in Meshcat; size of a point, how far before [m]
 APART = 0.25  # of the time between frames, by which two pictures of one frame may be apart
 
 
@@ -103,7 +104,7 @@ class SightViewer(LeafSystem):
         unlike = np.log10(np.maximum(1.0 - sight.likeness[sight.held], UNLIKE[0]))
         path = f"{SIGHT}/{len(self.frames)}"
         limits = (float(np.log10(UNLIKE[0])), float(np.log10(UNLIKE[1])))
-        self._meshcat.SetObject(path, cloud(p_WQ, unlike, limits), point_size=POINT)
+        self._meshcat.SetObject(path, cloud(p_WQ, unlike, limits, COLOURS), point_size=POINT)
         self._meshcat.SetProperty(path, "visible", False, 0.0)
         for last in self.frames[-1:]:
             self._meshcat.SetProperty(last, "visible", False, now)

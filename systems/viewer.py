@@ -148,7 +148,9 @@ class ParticleViewer(LeafSystem):
         return EventStatus.Succeeded()
 
 
-def cloud(p_WQ: np.ndarray, value: np.ndarray, limits: tuple[float, float]) -> PointCloud:
+def cloud(
+    p_WQ: np.ndarray, value: np.ndarray, limits: tuple[float, float], colours: str = COLOURS
+) -> PointCloud:
     """Points [m] coloured by their values between the ends of the colour map."""
     from matplotlib import colormaps
 
@@ -157,7 +159,7 @@ def cloud(p_WQ: np.ndarray, value: np.ndarray, limits: tuple[float, float]) -> P
     made.mutable_xyzs()[:] = p_WQ.T
     share = np.clip((value - low) / (high - low), 0.0, 1.0)
     # Meshcat takes the colours of points for light intensities
-    made.mutable_rgbs()[:] = 255.0 * colormaps[COLOURS](share)[:, :3].T ** 2.2
+    made.mutable_rgbs()[:] = 255.0 * colormaps[colours](share)[:, :3].T ** 2.2
     return made
 
 
