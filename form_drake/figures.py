@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.mpm.prediction import Prediction
-from form_drake.perceive.track import ALIKE
+from form_drake.perceive.correlate import ALIKE
 from form_drake.records import Recording
 
 UNLIKE = (1e-5, 1.0 - ALIKE)  # range of 1 - likeness that is coloured

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander2d
@@ -14,6 +15,7 @@ from form_drake.perceive.seen import Sight
 from form_drake.report import Report
 
 ORDER, LEAST = 9, 3  # of a polynomial along the longer side of the face, and the least across
+TOLD = 4.0  # points for each of its terms, at least
 LOST = 5  # frames without pictures that are told one by one
 LOOKS = 3  # pictures of each camera that are shown
 
@@ -27,6 +29,12 @@ def write_seen_report(path: Path, rig: Rig, pictures: Pictures, sights: Sequence
         pictures: that were read.
         sights: of every frame.
     """
+    with catch_warnings():  # frames and points of which nothing was seen leave no means
+        simplefilter("ignore", RuntimeWarning)
+        _report(rig, pictures, sights).write(path)
+
+
+def _report(rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> Report:
     report = Report(f"Points on face {rig.face.name}, followed by {' and '.join(rig.cameras)}")
     held = np.array([sight.held for sight in sights])
     rest = 1e6 * np.array([rests(rig, sight, sights[0]) for sight in sights])
@@ -50,16 +58,17 @@ def write_seen_report(path: Path, rig: Rig, pictures: Pictures, sights: Sequence
         report.figure(points_on_picture(rows, titles), f"Camera {name}")
     report.heading("What neighbours do not share")
     report.paragraph(
-        f"Displacement of each point less a polynomial of order {ORDER} along the face (less across), fitted to all"
+        f"Displacement of each point less a polynomial of order {ORDER} at most along the face, fitted to all"
         " of them: noise of the correlation, and what is finer than that polynomial. Arrows lie in the face; colours"
         " tell the part that sticks out of it."
     )
     picture = pictures.pair(farthest, cameras)[0]
     away = _on_picture(rig, sights[farthest], rest[farthest])
-    report.figure(
-        rests_on_picture(picture, sights[farthest].pixel[0], *away),
-        f"The picture in which points have moved farthest, t = {sights[farthest].time:.2f} s",
-    )
+    if np.isfinite(rest[farthest]).any():
+        report.figure(
+            rests_on_picture(picture, sights[farthest].pixel[0], *away),
+            f"The picture in which points have moved farthest, t = {sights[farthest].time:.2f} s",
+        )
     report.heading("Over time")
     time = np.array([sight.time for sight in sights])
     likeness = np.array([np.where(s.held, s.likeness, np.nan) for s in sights])
@@ -72,7 +81,7 @@ def write_seen_report(path: Path, rig: Rig, pictures: Pictures, sights: Sequence
         likeness_over_time(time, held.mean(axis=1), likeness, size),
         "Share of the points that is held, likeness (median and worst twentieth), and what neighbours do not share",
     )
-    report.write(path)
+    return report
 
 
 def rests(rig: Rig, sight: Sight, first: Sight) -> np.ndarray:
@@ -82,12 +91,14 @@ def rests(rig: Rig, sight: Sight, first: Sight) -> np.ndarray:
     across = [a for a in range(3) if a != rig.face.axis]
     size = rig.high[across] - rig.low[across]
     at = 2.0 * (first.p_WQ[held][:, across] - rig.low[across]) / size - 1.0
-    orders = [max(LEAST, round(ORDER * float(s / size.max()))) for s in size]
+    most = min(ORDER, int(np.sqrt(len(at) / TOLD)) - 1)
+    if most < 1:
+        return found
+    orders = [min(most, max(LEAST, round(ORDER * float(s / size.max())))) for s in size]
     D = chebvander2d(at[:, 0], at[:, 1], orders)
-    if len(D) > 2 * D.shape[1]:
-        u = sight.p_WQ[held] - first.p_WQ[held]
-        freedom = 1.0 - D.shape[1] / len(D)
-        found[held] = (u - D @ np.linalg.lstsq(D, u, rcond=None)[0]) / np.sqrt(freedom)
+    u = sight.p_WQ[held] - first.p_WQ[held]
+    freedom = 1.0 - D.shape[1] / len(D)
+    found[held] = (u - D @ np.linalg.lstsq(D, u, rcond=None)[0]) / np.sqrt(freedom)
     return found
 
 

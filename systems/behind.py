@@ -1,11 +1,13 @@
 """Systems whose heavy work is done behind their ports."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
+    CacheEntry,
     Context,
     EventStatus,
     LeafSystem,
@@ -14,6 +16,20 @@ from pydrake.systems.framework import (
 )
 
 from form_drake.workers import Newest
+
+
+def steps_between(rate: float, period: float) -> int:
+    """Steps of ``period`` [s] from one event to the next, that come at ``rate`` [Hz] or nearly."""
+    return max(round(1.0 / (rate * period)), 1)
+
+
+def remembered(system: LeafSystem, name: str, made: Callable[[Context], Any]) -> CacheEntry:
+    """What is made of a Context once, until something in it changes."""
+    producer = ValueProducer(
+        allocate=lambda: Value[object](None),
+        calc=lambda context, out: out.set_value(made(context)),
+    )
+    return system.DeclareCacheEntry(name, producer, {system.all_sources_ticket()})
 
 
 @dataclass(frozen=True)
@@ -76,22 +92,18 @@ class Behind(LeafSystem):
     ):
         super().__init__()
         self._period, self._every, self._begin, self._wait = period, every, begin, wait
-        self._thread: Newest[tuple[float, Any, Any], tuple[float, Any]] | None = None
+        self._thread: Newest[tuple[float, Any, Any], tuple[float, Any]]  # from the first input on
         self._kept = self.DeclareAbstractState(Value[object](_Kept()))
-        self._now = self.DeclareCacheEntry(
-            "now",
-            ValueProducer(
-                allocate=lambda: Value[object](None),
-                calc=lambda context, out: out.set_value(self._advanced(context)),
-            ),
-            {self.all_sources_ticket()},
-        )
+        self._now = remembered(self, "now", self._advanced)
         self.DeclareAbstractOutputPort(port, lambda: Value[object](None), self._calc)
         # at multiples of the plant's period: what is computed as begin + n every would fall beside it
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
-    def newest(self, context: Context) -> tuple[float, Any | None] | None:
-        """The newest input and its stamp [s]; its parts are not of one moment: a stamp and None."""
+    def newest(self, context: Context, after: float) -> tuple[float, Any | None] | None:
+        """The newest input and its stamp [s], if that is after another one.
+
+        Where its parts are not of one moment, a stamp and None.
+        """
         raise NotImplementedError
 
     def worked(self, memory: Any, time: float, given: Any) -> tuple[Any, Any]:
@@ -118,8 +130,8 @@ class Behind(LeafSystem):
     def _advanced(self, context: Context) -> _Kept:
         """The state with the newest input worked on."""
         kept = self._state(context)
-        found = self.newest(context) if self._looks(context) else None
-        if found is None or found[0] <= kept.given:
+        found = self.newest(context, kept.given) if self._looks(context) else None
+        if found is None:
             return kept
         time, given = found
         if given is None:
@@ -137,14 +149,14 @@ class Behind(LeafSystem):
     def _handed(self, context: Context) -> _Kept:
         """The state with what has been finished meanwhile; the newest input is handed over."""
         kept = self._state(context)
-        if self._thread is None or kept.given == -np.inf:
-            self._thread = Newest(self._work, (np.nan, kept.memory, None))
-        result, given, found = kept.result, kept.given, self.newest(context)
-        if found is not None and found[0] > given:
+        result, given, found = kept.result, kept.given, self.newest(context, kept.given)
+        if found is not None:
+            if given == -np.inf:
+                self._thread = Newest(self._work, (np.nan, kept.memory, None))
             given, what = found
             left_out = found if what is None else self._thread.hand((given, what))
             result = result if left_out is None else result.without(left_out[0])
-        done = self._thread.taken()
+        done = None if given == -np.inf else self._thread.taken()
         if done is not None:
             result = replace(result, time=done[0], value=done[2])
         return _Kept(result, None, given)

@@ -4,44 +4,43 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageRgba8U
 
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.rig import Rig
+from form_drake.systems.behind import remembered
 from form_drake.systems.pictures import Photographer
 
 
 class _Cameras(LeafSystem):
     """Ports of cameras: ``<camera>.color_image`` and ``<camera>.image_time`` [s], as RgbdSensor's.
 
-    Derived systems say in ``seen`` what there is to see and call ``_ports`` when inputs are declared.
+    Derived systems say in ``stamp`` and ``pair`` what there is to see and call ``_ports`` when inputs are
+    declared.
     """
 
-    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
-        """Stamp [s] and grey values of every camera, uint8."""
+    def stamp(self, context: Context) -> float:
+        """Of the pictures [s]."""
+        raise NotImplementedError
+
+    def pair(self, context: Context) -> list[np.ndarray]:
+        """Grey values of every camera, uint8."""
         raise NotImplementedError
 
     def _ports(self, rig: Rig) -> None:
-        self._pair = self.DeclareCacheEntry(
-            "pictures",
-            ValueProducer(
-                allocate=lambda: Value[object](None),
-                calc=lambda context, out: out.set_value(self.seen(context)),
-            ),
-            {self.all_sources_ticket()},
-        )
+        self._pair = remembered(self, "pictures", self.pair)
         for n, (name, camera) in enumerate(rig.cameras.items()):
             width, height = camera.size
 
             def image(context: Context, output: Value, n: int = n) -> None:
-                grey = self._pair.Eval(context)[1][n]
+                grey = self._pair.Eval(context)[n]
                 found = output.get_mutable_value()
                 found.mutable_data[..., :3] = grey[..., None]
                 found.mutable_data[..., 3] = 255
 
             def time(context: Context, output: BasicVector) -> None:
-                output.SetAtIndex(0, self._pair.Eval(context)[0])
+                output.SetAtIndex(0, self.stamp(context))
 
             def blank(width: int = width, height: int = height) -> Value:
                 return Value(ImageRgba8U(width, height))
@@ -71,12 +70,16 @@ class SpeckleCameras(_Cameras):
         self.DeclareAbstractInputPort("particles", Value[object](None))
         self._ports(rig)
 
-    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
+    def stamp(self, context: Context) -> float:
         """As of the base."""
-        time = context.get_time()
-        frame = max(round((time - self._begin) * self._rate), 0)
+        time: float = context.get_time()
+        return time
+
+    def pair(self, context: Context) -> list[np.ndarray]:
+        """As of the base."""
+        frame = max(round((self.stamp(context) - self._begin) * self._rate), 0)
         p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
-        return time, self._photographer.pair(frame, p_WQ)
+        return self._photographer.pair(frame, p_WQ)
 
 
 class PictureFiles(_Cameras):
@@ -110,8 +113,14 @@ class PictureFiles(_Cameras):
         """Stamp of the last frame [s]."""
         return float(self._time[-1])
 
-    def seen(self, context: Context) -> tuple[float, list[np.ndarray]]:
+    def stamp(self, context: Context) -> float:
         """As of the base."""
+        return float(self._time[self._frame(context)])
+
+    def pair(self, context: Context) -> list[np.ndarray]:
+        """As of the base."""
+        return self._pictures.pair(self._frame(context), self._cameras)
+
+    def _frame(self, context: Context) -> int:
         late = 1e-9 + context.get_time()
-        n = max(int(np.searchsorted(self._time, late, side="right")) - 1, 0)
-        return float(self._time[n]), self._pictures.pair(n, self._cameras)
+        return max(int(np.searchsorted(self._time, late, side="right")) - 1, 0)

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 from form_drake.interior import Inside, inside
 from form_drake.material import Material
 from form_drake.records import Recording
-from form_drake.systems.behind import Behind
+from form_drake.systems.behind import Behind, steps_between
 from form_drake.systems.identifier import Answer
 
 
@@ -47,16 +47,18 @@ class Reconstructor(Behind):
         wait: bool = True,
         force: str = "sensor",
     ):
-        steps = max(round(every / period), 1)
+        steps = steps_between(1.0 / every, period)
         super().__init__("inside", period=period, every=steps, begin=steps, wait=wait)
         self._force = force
         self.DeclareAbstractInputPort("recording", Value[object](None))
         self.DeclareAbstractInputPort("material", Value[object](None))
 
-    def newest(self, context: Context) -> tuple[float, tuple[Recording, Material | None]] | None:
+    def newest(
+        self, context: Context, after: float
+    ) -> tuple[float, tuple[Recording, Material | None]] | None:
         """As of the base."""
         recording = self.GetInputPort("recording").Eval(context)
-        if recording is None:
+        if recording is None or recording.time[-1] <= after:
             return None
         port = self.GetInputPort("material")
         answer: Answer = port.Eval(context) if port.HasValue(context) else Answer()

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from form_drake.perceive.rig import Rig
 from form_drake.perceive.seen import Sight, completed, gathered
 from form_drake.records import Recording, Stream
-from form_drake.systems.behind import Result
+from form_drake.systems.behind import Result, steps_between
 
 FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
 
@@ -120,7 +120,7 @@ class Recorder(LeafSystem):
             {self.abstract_state_ticket(self._heard)},
         )
         self._first = round(begin / period)
-        self._every = max(round(1.0 / (rate * period)), 1)
+        self._every = steps_between(rate, period)
         # one event at multiples of the period from 0 on, as the plant's: what was computed as
         # 0.05 + 0.001 would come a round-off apart from it, before or after the step
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._hear)

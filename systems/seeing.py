@@ -5,6 +5,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.records import Recording
+from form_drake.systems.behind import steps_between
 from form_drake.systems.cameras import SpeckleCameras
 from form_drake.systems.pictures import Photographer, rig_of, without_points
 from form_drake.systems.recorder import Source
@@ -37,7 +38,7 @@ def add_cameras(
         ValueError: the scenario says of no face that it is seen.
     """
     solver = scenario.solver
-    every = max(round(1.0 / (scenario.stereo.rate * solver.period)), 1)
+    every = steps_between(scenario.stereo.rate, solver.period)
     rig = rig_of(scenario, 1.0 / (every * solver.period))
     frames = 1 + int((duration - solver.settle) * rig.rate + 1e-6)
     rest = station.material.scene.rest[chosen]

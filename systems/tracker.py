@@ -10,7 +10,7 @@ from form_drake.figures import UNLIKE
 from form_drake.perceive.rig import Rig
 from form_drake.perceive.seen import Sight, followed
 from form_drake.perceive.stereo import Followed
-from form_drake.systems.behind import Behind
+from form_drake.systems.behind import Behind, steps_between
 from form_drake.systems.viewer import cloud
 
 COLOURS = "plasma"  # those of the report
@@ -47,19 +47,21 @@ class Tracker(Behind):
         wait: bool = True,
         device: str = "cpu",
     ):
-        every = max(round(1.0 / (rig.rate * period)), 1)
-        super().__init__(
-            "sight", period=period, every=every, begin=round(begin / period), wait=wait
-        )
+        every, first = steps_between(rig.rate, period), round(begin / period)
+        super().__init__("sight", period=period, every=every, begin=first, wait=wait)
         self._rig, self._device = rig, device
         for name, camera in rig.cameras.items():
             self.DeclareAbstractInputPort(f"{name}.color_image", Value(ImageRgba8U(*camera.size)))
             self.DeclareVectorInputPort(f"{name}.image_time", 1)
 
-    def newest(self, context: Context) -> tuple[float, list[np.ndarray] | None]:
+    def newest(
+        self, context: Context, after: float
+    ) -> tuple[float, list[np.ndarray] | None] | None:
         """The pictures of both cameras, if they are of one moment."""
         names = list(self._rig.cameras)
         time = [float(self.GetInputPort(f"{n}.image_time").Eval(context)[0]) for n in names]
+        if max(time) <= after:
+            return None
         if max(time) - min(time) > APART / self._rig.rate:
             return max(time), None
         pair = [grey(self.GetInputPort(f"{n}.color_image").Eval(context)) for n in names]

@@ -1,6 +1,7 @@
 """Cameras, tracker and reconstructor as parts of a diagram."""
 
 import io
+import threading
 import time
 from types import SimpleNamespace
 
@@ -31,6 +32,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
+from form_drake.motion import Sampling, body, fit_tracks
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.seen import tracked
 from form_drake.perceive.speckle import speckle
@@ -97,14 +99,13 @@ def diagram(scenario, rig, **options):
     return connected(cameras, tracker, rig, Stretching(scenario)), tracker
 
 
-def sights(diagram, tracker, frames=FRAMES, pause=0.0, context=None):
+def sights(diagram, tracker, frames=FRAMES):
     """Results at every frame, and the Simulator."""
-    simulator = Simulator(diagram, context)
+    simulator = Simulator(diagram)
     simulator.Initialize()
     found = []
     for n in range(frames):
         simulator.AdvanceTo(n / RATE)
-        time.sleep(pause)
         own = tracker.GetMyContextFromRoot(simulator.get_context())
         found.append(tracker.get_output_port().Eval(own))
     return found, simulator
@@ -155,33 +156,44 @@ def test_a_context_may_be_cloned_and_goes_on_alike(scenario, rig):
 
 
 def test_who_does_not_wait_gets_what_is_done_and_is_told_of_what_was_left_out(
-    scenario, rig, files, monkeypatch
+    rig, files, monkeypatch
 ):
-    real = tracker_module.followed
+    real, begun, gate = tracker_module.followed, threading.Event(), threading.Event()
 
-    def slow(rig, before, pair, device):
-        time.sleep(0.4)
-        return real(rig, before, pair, device)
+    def slow(*given):
+        begun.set()
+        assert gate.wait(60.0)
+        return real(*given)
 
     monkeypatch.setattr(tracker_module, "followed", slow)
-    made, tracker = diagram(scenario, rig, wait=False)
-    begun = time.perf_counter()
-    found, simulator = sights(made, tracker)
-    assert time.perf_counter() - begun < 0.4 * FRAMES  # it did not wait
-    assert found[0].value is None and np.isnan(found[0].time)
-    time.sleep(3.0)
-    later = []
-    for n in range(FRAMES, FRAMES + 3):
-        simulator.AdvanceTo(n / RATE)
+    tracker = Tracker(rig, period=PERIOD, wait=False)
+    simulator = Simulator(connected(PictureFiles(rig, [files[0]]), tracker, rig))
+
+    def at(frame):
+        simulator.AdvanceTo(frame / RATE)
+        simulator.AdvancePendingEvents()
         own = tracker.GetMyContextFromRoot(simulator.get_context())
-        later.append(tracker.get_output_port().Eval(own))
-        time.sleep(1.0)
-    last = later[-1]
-    done = {result.time for result in (*found, *later) if result.value is not None}
-    assert last.skipped and last.age > 0.0 and last.time in done
-    assert not set(last.skipped) & done
-    p_WQ, wanted = last.value.p_WQ, stretched(scenario, 0.0)[0]
-    assert np.isfinite(p_WQ).all(axis=1).mean() > 0.9 and wanted.shape[1] == 3
+        return tracker.get_output_port().Eval(own)
+
+    assert at(0).value is None and begun.wait(60.0)
+    found = [at(n) for n in range(1, FRAMES)]
+    assert all(result.value is None and np.isnan(result.time) for result in found)
+    # while the first is worked on, each takes the place of the one before
+    assert found[-1].skipped == pytest.approx([1 / RATE, 2 / RATE])
+    gate.set()
+    done, frame = {}, FRAMES
+    while (FRAMES - 1) / RATE not in done:  # the files have ended: nothing more is handed over
+        result = at(frame)
+        done[result.time] = result
+        frame += 1
+        time.sleep(0.02)
+        assert frame < 3000
+    last = done[(FRAMES - 1) / RATE]
+    assert last.skipped == found[-1].skipped and last.age == pytest.approx((frame - FRAMES) / RATE)
+    off = last.value.p_WQ - files[1].p_WQ[-1]
+    assert (
+        np.sqrt(np.mean(off[last.value.held] ** 2)) < 1e-7
+    )  # from where it began, it goes no other way
 
 
 class Late(LeafSystem):
@@ -337,3 +349,7 @@ def test_the_inside_of_a_diagram_is_that_of_the_recording(scenario):
     assert found.v_WQ == pytest.approx(wanted - found.X, abs=2e-4)
     square = np.mean(((found.p_WQ - wanted) / found.deviation) ** 2)
     assert 0.1 < square < 5.0 and found.deviation.max() < 3.0 * noise
+    fit = fit_tracks(recording, body(recording))
+    sampling = Sampling.of(fit, np.array([1.0]), found.X, np.ones(len(found.X)), 1.0)
+    drawn = [sampling.motion(fit.draw(rng)).x[0] - found.X for _ in range(400)]
+    assert np.std(drawn, axis=0) == pytest.approx(found.deviation, rel=0.25)

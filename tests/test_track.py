@@ -105,6 +105,20 @@ def test_what_is_lost_is_said_and_found_again(photograph):
     assert after.pixel == pytest.approx(points() + 3.0, abs=0.02)
 
 
+def test_what_hides_some_points_makes_others_no_less_sure(photograph):
+    """A hand leaves large and smooth rests, which tell nothing of the noise beside it."""
+    still, moved = photograph(), photograph(lambda x: x - 0.25, 1)
+    tracker = Tracker.of(still, points(), HALF)
+    before = tracker.next(still, moved, tracker.first)
+    hidden = moved.copy()
+    hidden[:, :160] = np.linspace(40.0, 220.0, 160)
+    during = tracker.next(still, hidden, tracker.first)
+    free = points()[:, 0] > 190.0
+    assert before.held[free].all() and during.held[free].all() and not during.held.all()
+    size = [np.trace(p.covariance[free], axis1=1, axis2=2).mean() for p in (before, during)]
+    assert size[1] == pytest.approx(size[0], rel=0.15)
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_steps_undo_warps_of_second_order(photograph, device):
     """A warp as it is found is the one that made the picture, slopes and curvatures too."""

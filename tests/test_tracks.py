@@ -15,9 +15,11 @@ from form_drake.perceive.optics import looking
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.render import Light, Renderer, Surface
 from form_drake.perceive.rig import Rig
+from form_drake.perceive.seen import tracked
 from form_drake.perceive.speckle import speckle
 from form_drake.records import write_recording
 from form_drake.records.recording import Recording, Stream
+from form_drake.seen_report import rests, write_seen_report
 
 LOW, HIGH = np.array([-0.010, -0.008, 0.0]), np.array([0.010, 0.008, 0.005])
 FOCUS, FAR, SIZE, FRAMES, GAP = 3000.0, 0.3, (320, 240), 6, 3
@@ -104,6 +106,19 @@ def test_pictures_become_a_recording(seen, tmp_path):
     off = moved - (frames[:, None] * SHIFT)[:, None]
     assert np.sqrt(np.mean(off[1:] ** 2)) < 4e-6
     assert np.sqrt(np.mean(off[1:] ** 2)) < 3.0 * made.noise < 1e-5
+
+
+def test_a_report_stands_frames_in_which_nothing_is_seen(seen, tmp_path):
+    rig = Rig.read(seen / "rig.yaml")
+    pictures, sights = Pictures.found([seen / "pictures"], list(rig.cameras)), []
+    tracked(rig, pictures, progress=lambda _, sight: sights.append(sight))
+    left = rests(rig, sights[1], sights[0])[sights[1].held]
+    assert np.isfinite(left).all() and 0.0 < np.sqrt(np.mean(left**2)) < 1e-5
+    dark = sights[1]
+    none = np.full_like(dark.p_WQ, np.nan)
+    sights[1] = replace(dark, p_WQ=none, pixel=np.full_like(dark.pixel, np.nan))
+    write_seen_report(tmp_path / "seen.html", rig, pictures, sights)
+    assert (tmp_path / "seen.html").read_text().count("<img") == 4
 
 
 def test_a_rig_comes_back_as_it_was_written(seen):

@@ -153,7 +153,7 @@ class Statics:
         """Points [m] and shares of the volume; of those that symmetry makes alike, one."""
         symmetry, body = self.space.symmetry, self.body
         cells = quadrature_cells(self.space, (), body, symmetry.mirrors)
-        X, share = _reduced(cells, body)
+        X, share = body.gauss(cells, _few(cells, body))
         if symmetry.exchange:
             middle = 0.5 * (body.low + body.high)
             across = (X - middle)[:, symmetry.exchange]
@@ -265,23 +265,17 @@ class Statics:
         return Held(y, alone, push, seen, found.past, stiffness, left, settled, rubbed, y - last.y)
 
 
-def _reduced(breaks: Sequence[np.ndarray], body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points of cells [m], shape [points, 3], and their weights.
+def _few(breaks: Sequence[np.ndarray], body: Body) -> list[np.ndarray]:
+    """Gauss points of every cell along each axis.
 
-    Cubic splines are so smooth that two along each axis do, and three in the cells at the ends of the
-    body (Schillinger, Hossain and Hughes 2014).
+    Cubic splines are so smooth that two do, and three in the cells at the ends of the body
+    (Schillinger, Hossain and Hughes 2014).
     """
-    at, share = [], []
-    for ends, low, high in zip(breaks, body.low, body.high, strict=True):
-        rim = np.isclose(ends[:-1], low) | np.isclose(ends[1:], high)
-        rules = [np.polynomial.legendre.leggauss(3 if last else 2) for last in rim]
-        middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
-        at.append(
-            np.concatenate([m + h * x for m, h, (x, _) in zip(middle, half, rules, strict=True)])
-        )
-        share.append(np.concatenate([h * w for h, (_, w) in zip(half, rules, strict=True)]))
-    grid = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid, np.einsum("i,j,k->ijk", *share).ravel()
+    rims = (
+        np.isclose(ends[:-1], low) | np.isclose(ends[1:], high)
+        for ends, low, high in zip(breaks, body.low, body.high, strict=True)
+    )
+    return [np.where(rim, 3, 2) for rim in rims]
 
 
 Equation = tuple[np.ndarray, np.ndarray]

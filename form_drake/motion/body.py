@@ -77,19 +77,23 @@ class Body:
     faces: tuple[Face, ...]
     density: float
 
-    def gauss(self, breaks: Sequence[np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
+    def gauss(
+        self, breaks: Sequence[np.ndarray], count: int | Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Gauss points [m], shape [points, 3], and their reference volumes [m^3], shape [points].
 
         Args:
             breaks: ends of the cells along each axis [m].
-            count: points in each cell along each axis.
+            count: points in each cell along each axis; or those of every cell, for each axis.
         """
-        node, weight = np.polynomial.legendre.leggauss(count)
         at, share = [], []
-        for ends in breaks:
-            half = 0.5 * np.diff(ends)[:, None]
-            at.append((ends[:-1, None] + half * (node + 1.0)).ravel())
-            share.append((half * weight).ravel())
+        for n, ends in enumerate(breaks):
+            own = np.full(len(ends) - 1, count) if isinstance(count, int) else count[n]
+            rules = [np.polynomial.legendre.leggauss(points) for points in own]
+            half = 0.5 * np.diff(ends)
+            cells = zip(ends[:-1], half, rules, strict=True)
+            at.append(np.concatenate([low + h * (x + 1.0) for low, h, (x, _) in cells]))
+            share.append(np.concatenate([h * w for h, (_, w) in zip(half, rules, strict=True)]))
         grid = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
         return grid, np.einsum("i,j,k->ijk", *share).ravel()
 

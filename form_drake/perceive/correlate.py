@@ -21,6 +21,7 @@ from form_drake.perceive.warps import AFFINE, SIZE, monomials
 FLAT = 1e-6  # of the strongest direction, from which texture shows a warp
 TINY = 1e-300
 REACH = 6  # pixels, within which what is left of them is alike
+ALIKE = 0.8  # correlation, below which a part is lost
 FAINT = 1.0  # grey value, root mean square, from which there is texture
 
 
@@ -146,11 +147,14 @@ def _beside(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _together(left: np.ndarray) -> np.ndarray:
     """How alike what is left of pixels is by their distance, shape [2 REACH + 1, 2 REACH + 1].
 
-    Bartlett's window keeps variances positive (Newey and West 1987).
+    Every part counts alike, whatever it leaves. Bartlett's window keeps variances positive (Newey and
+    West 1987).
 
     Args:
         left: of parts, shape [parts, rows, columns].
     """
+    size = np.sqrt(np.mean(left**2, axis=(1, 2), keepdims=True))
+    left = left / np.maximum(size, TINY)
     found = _beside(left, left).sum(axis=0)
     share = 1.0 - np.abs(np.arange(-REACH, REACH + 1)) / (REACH + 1.0)
     return np.asarray(found / max(found[REACH, REACH], TINY) * share * share[:, None])
@@ -222,6 +226,7 @@ def matched(parts: Parts, picture: np.ndarray, start: np.ndarray) -> Matches:
     rest -= parts.light @ (parts.light.transpose(0, 2, 1) @ rest)
     freedom = pixels - parts.free - parts.light.shape[2]
     variance = np.sum(rest[..., 0] ** 2, axis=1) / freedom
-    alike = _together(rest.reshape(count, *parts.square)[settled > 0.0])
+    found = (settled > 0.0) & (likeness > ALIKE)
+    alike = _together(rest.reshape(count, *parts.square)[found])
     covariance = np.tensordot(parts.spread, alike, 2) * variance[:, None, None]
     return Matches(warps.numpy(), likeness, settled > 0.0, covariance)

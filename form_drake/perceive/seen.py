@@ -105,10 +105,18 @@ def followed(
 
 
 def gathered(rig: Rig, sights: Sequence[Sight]) -> Recording:
-    """What was seen at two times at least, as a recording without forces and poses."""
+    """What was seen at two times at least, as a recording without forces and poses.
+
+    Raises:
+        ValueError: no point was found again.
+    """
     p_WQ = np.stack([sight.p_WQ for sight in sights])
     valid = np.stack([sight.held for sight in sights])
     kept = valid[1:].any(axis=0)
+    if not kept.any():
+        raise ValueError(
+            f"none of {valid.shape[1]} points is found again in {len(sights) - 1} frames: too fast, too dark, or hidden?"
+        )
     p_WQ, valid = p_WQ[:, kept], valid[:, kept]
     covariance = np.nanmean([sight.covariance[kept] for sight in sights[1:]], axis=0)
     low, high = (" ".join(f"{v:.9g}" for v in corner) for corner in (rig.low, rig.high))

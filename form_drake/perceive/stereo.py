@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from form_drake.perceive.correlate import Parts, matched
+from form_drake.perceive.correlate import ALIKE, Parts, matched
 from form_drake.perceive.optics import Places, projected, rays, triangulated
 from form_drake.perceive.splines import seen_in
-from form_drake.perceive.track import ALIKE, Points, Tracker
+from form_drake.perceive.track import Points, Tracker
 from form_drake.perceive.warps import affine
 from form_drake.records import Camera
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from form_drake.perceive.correlate import Matches, Parts, matched
+from form_drake.perceive.correlate import ALIKE, Matches, Parts, matched
 from form_drake.perceive.splines import seen_in
 from form_drake.perceive.warps import affine
 
 NEIGHBOURS = 12  # whose flow is fitted by a line
-ALIKE = 0.8  # correlation, below which a point is lost
 BENT = 9.0  # variances of a second-order warp's shift, from which its square counts
 FAR = 6.0  # times the scatter of its neighbours, by which a point is off them
 LEAST = 0.05  # pixels, of that scatter
