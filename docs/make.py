@@ -162,7 +162,7 @@ API = {
         "form_drake.systems.probe.record",
         "form_drake.systems.replay.replay",
         "form_drake.systems.replay.twin",
-        "form_drake.systems.material.AddMaterial",
+        "form_drake.systems.soft.AddMaterial",
         "form_drake.systems.material.MaterialSystem",
         "form_drake.systems.identifier.Identifier",
         "form_drake.systems.recorder.Recorder",

@@ -1,33 +1,20 @@
 """The material point method as a part of a Drake diagram."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import SceneGraph, Shape
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
-from pydrake.multibody.plant import (
-    ExternallyAppliedSpatialForce,
-    MultibodyPlant,
-)
-from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, State
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from form_drake.material import Material
-from form_drake.mpm.bodies import block, filled
 from form_drake.mpm.exchange import Scene, Snapshot
-from form_drake.mpm.model import Body
 from form_drake.mpm.tools import Motions, Tool
-from form_drake.systems.shapes import friction, solid
 
 PERIOD = 1e-3
-MOST_PARTICLES = 2_000_000
-ROOM = 1.0  # of a body's longest edge, left around it by default
-
-Contact = float | Literal["stick", "bonded"]
 
 
 @dataclass(frozen=True)
@@ -165,156 +152,3 @@ class MaterialSystem(LeafSystem):
                 arm = poses[t.body].rotation() @ t.X_BG.translation()
                 total += SpatialForce(tau=m, f=f).Shift(-arm)
         return total.get_coeffs()
-
-
-def touching(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    bodies: Sequence[RigidBody] | None,
-    contact: Mapping[str, Contact],
-    spacing: float,
-) -> list[Touching]:
-    """The collision geometries of some bodies of a plant, or of all.
-
-    Raises:
-        ValueError: a contact is stated for a body that has no collision geometry, or a shape that
-            cannot touch material.
-    """
-    inspector = scene_graph.model_inspector()
-    if bodies is None:
-        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
-    found = []
-    for body in bodies:
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            stated = contact.get(body.name(), friction(inspector, geometry))
-            shape = solid(inspector.GetShape(geometry), spacing)
-            tool = Tool(inspector.GetName(geometry), shape, stated)
-            X_BG = inspector.GetPoseInFrame(geometry)
-            found.append(Touching(body.index(), body.name(), X_BG, tool))
-    unknown = set(contact) - {t.name for t in found}
-    if unknown:
-        raise ValueError(
-            f"contact of {', '.join(sorted(unknown))}: no such body has collision geometry; those"
-            f" that have are {', '.join(sorted({t.name for t in found})) or 'none'}"
-        )
-    return found
-
-
-def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
-    """Whether a geometry moves, or stands where material may go."""
-    body = plant.get_body(touching.body)
-    if not plant.IsAnchored(body):
-        return True
-    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
-    middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
-    reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
-    return float(touching.tool.solid.distance(middle[None])[0]) < reach
-
-
-def particles(shape: Shape, X_WM: RigidTransform, spacing: float) -> Body:
-    """Particles that fill a shape whose geometry frame stands at X_WM."""
-    outline = solid(shape, 0.5 * spacing)
-    if outline.kind == "half-space":
-        raise ValueError("a half-space cannot be filled with material: choose a finite shape")
-    count = np.prod(2.0 * outline.reach / spacing)
-    if count > MOST_PARTICLES:
-        raise ValueError(
-            f"{2e3 * outline.reach} mm filled by particles every {1e3 * spacing:.3g} mm would be"
-            f" {count:.2g} of them, at most {MOST_PARTICLES:.0e}: enlarge dx or take a smaller body"
-        )
-    if outline.kind == "box":
-        body = block((0.0, 0.0, 0.0), 2.0 * outline.size, spacing, 1.0)
-    else:
-        body = filled(outline, 2.0 * outline.reach, spacing, 1.0)
-    return Body(X_WM.multiply(body.x.T).T, body.volume, 1.0)
-
-
-def AddMaterial(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    material: Material | Sequence[Material],
-    shape: Shape | Sequence[Shape],
-    X_WM: RigidTransform | Sequence[RigidTransform],
-    *,
-    dx: float | None = None,
-    bodies: Sequence[RigidBody] | None = None,
-    contact: Mapping[str, Contact] | None = None,
-    region: np.ndarray | None = None,
-    period: float = PERIOD,
-    settle: tuple[float, float] = (0.0, 0.0),
-    mass_scale: float = 1.0,
-    precision: str = "float32",
-    device: str = "cpu",
-) -> MaterialSystem:
-    """Add soft bodies to a finalized plant and connect them to it, wrenches fed back.
-
-    Args:
-        builder: of the diagram that holds plant and scene graph.
-        plant: finalized, with ``use_sampled_output_ports`` false.
-        scene_graph: that the plant registered its geometry with.
-        material: of the soft body, or of each of several.
-        shape: of it when free of stress; its frame is M.
-        X_WM: where it is.
-        dx: grid spacing [m]; by default a sixth of the shortest edge.
-        bodies: of the plant that touch it; by default all that have collision geometry.
-        contact: by name of a body: a Coulomb coefficient, ``stick``, or ``bonded`` for what lies
-            inside its geometry; by default the dynamic friction of the geometry.
-        region: lower and upper corner of where it may go [m], shape [2, 3].
-        period: of the exchange with the plant [s].
-        settle: see ``MaterialSystem``.
-        mass_scale: see ``Scene``.
-        precision: of the particles.
-        device: Warp device.
-
-    Raises:
-        ValueError: the plant is not finalized or samples its ports, another system already feeds
-            its applied_spatial_force port, or a stated shape, contact or region does not fit.
-    """
-    if not plant.is_finalized():
-        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
-    if plant.has_sampled_output_ports():
-        raise ValueError(
-            "the plant samples its output ports, so that wrenches would come a step late: call"
-            " plant.SetUseSampledOutputPorts(False) before Finalize()"
-        )
-    force = plant.get_applied_spatial_force_input_port()
-    if builder.IsConnectedOrExported(force):
-        raise ValueError(
-            "the plant's applied_spatial_force port is in use: add an"
-            " ExternallyAppliedSpatialForceMultiplexer, or give all materials to one AddMaterial"
-        )
-    materials, shapes, poses = (
-        list(v) if isinstance(v, Sequence) else [v] for v in (material, shape, X_WM)
-    )
-    if not len(materials) == len(shapes) == len(poses):
-        raise ValueError(
-            f"{len(materials)} materials, {len(shapes)} shapes, {len(poses)} poses: one of each for"
-            " every body"
-        )
-    edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
-    dx = float(min(edges)) / 6.0 if dx is None else dx
-    filled_with = [particles(s, X, 0.5 * dx) for s, X in zip(shapes, poses, strict=True)]
-    if region is None:
-        x = np.concatenate([b.x for b in filled_with])
-        reach = ROOM * float(np.ptp(x, axis=0).max())
-        region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
-    found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
-    found = [t for t in found if _reaches(plant, t, region)]
-    scene = Scene(
-        materials,
-        filled_with,
-        [t.tool for t in found],
-        region=region,
-        dx=dx,
-        gravity=plant.gravity_field().gravity_vector(),
-        mass_scale=mass_scale,
-        precision=precision,
-        device=device,
-    )
-    system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
-    system.set_name("material")
-    for name in ("body_poses", "body_spatial_velocities"):
-        builder.Connect(plant.GetOutputPort(name), system.GetInputPort(name))
-    builder.Connect(system.GetOutputPort("applied_spatial_force"), force)
-    return system

@@ -65,6 +65,8 @@ class Stepping:
 
     Attributes:
         dx: grid spacing [m].
+        grid: ``rest`` or ``space``, see ``AddMaterial``.
+        per_cell: particles in a cell of the grid along each axis.
         period: of the exchange between material and plant, and of the plant's steps [s].
         mass_scale: see ``Scene``.
         precision: ``float32`` or ``float64``.
@@ -75,6 +77,8 @@ class Stepping:
     """
 
     dx: float = 0.0025
+    grid: str = "space"
+    per_cell: list[int] = field(default_factory=lambda: [2, 2, 2])
     period: float = 0.001
     mass_scale: float = 1.0
     precision: str = "float32"

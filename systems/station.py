@@ -22,9 +22,10 @@ from form_drake.motion.body import Face
 from form_drake.mpm.exchange import region_around
 from form_drake.systems.arm import add_package, arm_joints, exclude_held_tool, scoped_frame
 from form_drake.systems.force import Sensor, ToolForce
-from form_drake.systems.material import AddMaterial, Contact, MaterialSystem
+from form_drake.systems.material import MaterialSystem
 from form_drake.systems.panda import add_panda, apply_panda
 from form_drake.systems.scenario import Scenario
+from form_drake.systems.soft import AddMaterial, Contact
 from form_drake.systems.viewer import View, add_viewer
 
 ARM = "panda"
@@ -172,6 +173,8 @@ def _soft(
         bodies=_named_bodies(plant, specimen.contact),
         contact={body: _contact(word) for body, word in specimen.contact.items()},
         region=region_around(whole, np.array(solver.room), solver.dx, halfway),
+        grid=solver.grid,
+        per_cell=solver.per_cell,
         period=solver.period,
         settle=(solver.damping, solver.settle),
         mass_scale=solver.mass_scale,

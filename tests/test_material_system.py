@@ -18,8 +18,8 @@ from form_drake.laws import LAWS
 from form_drake.material import Material, read_material
 from form_drake.systems.arm import add_package
 from form_drake.systems.deformable import deformable_config
-from form_drake.systems.material import AddMaterial, particles
 from form_drake.systems.shapes import solid
+from form_drake.systems.soft import GRIDS, AddMaterial, over_rest, particles
 
 G = np.array([0.0, 0.0, -9.81])
 STEP = 1e-3
@@ -64,9 +64,10 @@ def momentum(simulator, plant, system):
     return soft, MASS * ball.translational()
 
 
-def test_momentum_of_the_whole_diagram():
+@pytest.mark.parametrize("grid", GRIDS)
+def test_momentum_of_the_whole_diagram(grid):
     """Material, ball and floor exchange what gravity brings, without a lag, to round-off."""
-    simulator, plant, system = on_the_floor()
+    simulator, plant, system = on_the_floor(grid=grid)
     weight = (MASS + 1000.0 * EDGE**3) * G
     floor = np.zeros(3)
     start, largest = sum(momentum(simulator, plant, system)), 0.0
@@ -81,8 +82,9 @@ def test_momentum_of_the_whole_diagram():
     assert largest > 2.0 * MASS * 9.81  # the ball did land on it
 
 
-def test_the_floor_carries_the_weight_at_rest():
-    simulator, _, system = on_the_floor(drop=0.2, settle=(300.0, 0.1))
+@pytest.mark.parametrize("grid", GRIDS)
+def test_the_floor_carries_the_weight_at_rest(grid):
+    simulator, _, system = on_the_floor(drop=0.2, settle=(300.0, 0.1), grid=grid)
     simulator.AdvanceTo(0.1)
     context = system.GetMyContextFromRoot(simulator.get_context())
     wrench = system.GetOutputPort("world.wrench").Eval(context)
@@ -90,9 +92,10 @@ def test_the_floor_carries_the_weight_at_rest():
     assert wrench[:3] == pytest.approx(0.0, abs=1e-4)  # it rests about the origin
 
 
-def test_clone_rewind_and_replay():
+@pytest.mark.parametrize("grid", GRIDS)
+def test_clone_rewind_and_replay(grid):
     """A cloned Context goes on to the very same particles, whatever ran in between."""
-    simulator, _, system = on_the_floor()
+    simulator, _, system = on_the_floor(grid=grid)
     simulator.AdvanceTo(0.04)
     kept = simulator.get_context().Clone()
     simulator.AdvanceTo(0.08)
@@ -156,11 +159,31 @@ def test_convex_hull_of_a_file(tmp_path):
         ({"contact": {"plate": 0.1}}, "plate"),
         ({"drop": -0.005}, "ball by 3.9 mm"),
         ({"region": np.array([[-0.01] * 3, [0.01] * 3])}, "enlarge the region"),
+        ({"grid": "time"}, "'time': choose from rest, space"),
+        ({"per_cell": (2, 0, 2)}, "three whole numbers"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, said):
     with pytest.raises(ValueError, match=said):
         on_the_floor(**options)
+
+
+def test_what_flows_is_not_laid_out_over_a_rest_shape():
+    water = Material(LAWS["newtonian"], {"eta": 1.0, "kappa": 1e4}, density=1000.0)
+    with pytest.raises(ValueError, match="one solid, got newtonian: choose space"):
+        over_rest([water], "rest")
+    with pytest.raises(ValueError, match="got fixed-corotated, fixed-corotated"):
+        over_rest([SOFT, SOFT], "rest")
+
+
+def test_particles_stand_closer_along_an_axis_of_a_box_however_it_is_turned():
+    """Their boxes fill it after a quarter turn."""
+    turn = RigidTransform(RotationMatrix.MakeZRotation(np.pi / 2.0), [0.1, 0.0, 0.0])
+    body = particles(Box(0.012, 0.004, 0.02), turn, np.array([5e-4, 1e-3, 1e-3]))
+    assert len(body.x) == 24 * 4 * 20
+    assert 2.0 * body.half[0] == pytest.approx([1e-3, 5e-4, 1e-3])
+    low, high = body.x.min(axis=0) - body.half[0], body.x.max(axis=0) + body.half[0]
+    assert high - low == pytest.approx([0.004, 0.012, 0.02])
 
 
 def test_half_space_cannot_be_filled():

@@ -9,17 +9,26 @@ from form_drake.mpm.simulation import Body
 from form_drake.mpm.solids import Solid
 
 
-def block(centre: Sequence[float], size: Sequence[float], spacing: float, density: float) -> Body:
+def block(
+    centre: Sequence[float],
+    size: Sequence[float],
+    spacing: float | Sequence[float],
+    density: float,
+) -> Body:
     """A box filled by a lattice of cells of about ``spacing`` [m], one particle in each centre.
+
+    Its second moments are short by one over the square of the number of particles along an edge: a strip
+    of so many across bends so much too easily, whatever the grid.
 
     Args:
         centre: of the box [m].
         size: edge lengths [m].
-        spacing: wanted distance of particles [m]; rounded so that the lattice fills the box.
+        spacing: wanted distance of particles [m], or along each axis; rounded so that the lattice fills
+            the box.
         density: [kg/m^3].
     """
     size = np.asarray(size, dtype=float)
-    counts = np.maximum(1, np.round(size / spacing).astype(int))
+    counts = np.maximum(1, np.round(size / np.asarray(spacing)).astype(int))
     axes = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
     unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     volume = np.full(len(unit), float(np.prod(size)) / len(unit))

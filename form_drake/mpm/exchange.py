@@ -52,8 +52,9 @@ class Scene:
         mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
             time steps.
         memories: of the bodies, see ``form_drake.laws.memory``.
-        total: see ``Simulation``; the region is then that of the bodies at rest.
-        gradient: of the solver, see ``form_drake.records.Solver``.
+        total: see ``Simulation``; of the region only what the bodies fill at rest is then laid out.
+        gradient: of the solver, see ``form_drake.records.Solver``; None: ``mls`` over the rest shape,
+            ``exact`` in space.
         precision: ``float32`` or ``float64``.
         device: Warp device.
 
@@ -73,13 +74,11 @@ class Scene:
         mass_scale: float = 1.0,
         memories: Sequence[Memory] = (),
         total: bool = False,
-        gradient: Gradient = "exact",
+        gradient: Gradient | None = None,
         precision: str = "float32",
         device: str = "cpu",
     ):
         low, high = np.asarray(region, dtype=float)
-        self.corner = low - EDGE * dx
-        nodes = np.ceil((high - low) / dx).astype(int) + 2 * EDGE + 1
         for body in bodies:
             if not np.all((body.x >= low) & (body.x <= high)):
                 raise ValueError(
@@ -87,10 +86,17 @@ class Scene:
                     f" out of the region from {low} to {high} m: enlarge the region"
                 )
         self.rest = np.concatenate([b.x for b in bodies])
+        if total:
+            low = low + dx * np.floor((self.rest.min(axis=0) - low) / dx)
+            high = self.rest.max(axis=0)
+        self.corner = low - EDGE * dx
+        nodes = np.ceil((high - low) / dx).astype(int) + 2 * EDGE + 1
+        # what a plate gives a particle off its middle is what the force of ``mls`` balances: by the
+        # spline's own gradient, layers of few cells give way under plates
         solver = Solver(
             dx=dx,
             nodes=tuple(int(n) for n in nodes),
-            gradient=gradient,
+            gradient=gradient or ("mls" if total else "exact"),
             precision=precision,
             gravity=tuple(float(g) / mass_scale for g in gravity),
         )
@@ -118,7 +124,10 @@ class Scene:
         return self.simulation.tools.tools
 
     def tie(self, motions: Motions) -> None:
-        """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it."""
+        """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it.
+
+        Over the rest shape a bonded tool holds what lies inside it then.
+        """
         half = self.simulation.body.half
         tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
         knots = np.zeros((*tied.shape, 3))
@@ -133,7 +142,8 @@ class Scene:
                 knots[n] = local - to @ motions.R_WT[n]
                 own = np.flatnonzero(tied[n])
                 self._layers[n] = Layer.of(own, local[own, :2], self.simulation.solver.dx)
-        self.simulation.tools.tie(tied, knots)
+        still = replace(motions, p_WT=motions.p_WT - self.corner)
+        self.simulation.tools.tie(still, tied, knots)
 
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""
@@ -145,12 +155,12 @@ class Scene:
     def overlaps(self, motions: Motions) -> dict[str, float]:
         """How deep particles at rest lie inside the tools that touch them [m], by tool."""
         found = {}
-        radius = 0.5 * np.cbrt(self.simulation.body.volume).max()
+        radius = np.cbrt(np.prod(self.simulation.body.half, axis=1))
         for n, tool in enumerate(self.tools):
             local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
-            depth = radius - float(tool.solid.distance(local).min())
-            if tool.contact not in ("tied", "bonded") and depth > TOUCH * radius:
-                found[tool.name] = depth
+            depth = radius - tool.solid.distance(local)
+            if tool.contact not in ("tied", "bonded") and np.any(depth > TOUCH * radius):
+                found[tool.name] = float(depth.max())
         return found
 
     def advance(

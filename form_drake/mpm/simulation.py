@@ -40,7 +40,7 @@ class Simulation:
         tools: that touch or hold the particles.
         memories: of the bodies, whose laws are then elastic ones.
         total: whether the grid is laid over the rest shape, as suits solids that stay one piece; then
-            without walls and bonded tools.
+            without walls.
         device: Warp device.
 
     Several simulations may run in as many threads, since Warp releases the interpreter lock while
@@ -66,8 +66,8 @@ class Simulation:
             raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
         if memories and any(law.flow != "elastic" for law in self.laws):
             raise ValueError(f"{self.laws[0].name} remembers: only elastic laws can")
-        if total and (solver.walls or any(tool.contact == "bonded" for tool in tools)):
-            raise ValueError("a grid over the rest shape meets no walls and no bonded tools")
+        if total and solver.walls:
+            raise ValueError("a grid over the rest shape meets no walls: take tools")
         self.body = joined(self.bodies)
         self._lags = total and any(t.unit == "Pa s" for law in self.laws for t in law.terms)
         self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device, total)

@@ -20,14 +20,10 @@ from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
 from form_drake.mpm.tracing import between
 from form_drake.records import Recording, Stream
-from form_drake.records.solver import Gradient
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
 SETTLING = 0.15  # time [s] that the body is given to come to rest
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
-# What a plate gives a particle off its middle is what the force of this gradient balances: by the
-# spline's own, layers of few cells give way under plates.
-GRADIENT: Gradient = "mls"
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
 
@@ -92,7 +88,6 @@ class Stage:
             mass_scale=self.recording.mass_scale,
             memories=world.memories,
             total=True,
-            gradient=GRADIENT,
             precision=self.precision,
             device=self.device,
         )

@@ -60,8 +60,9 @@ class Grip:
         return self.friction, self.adhesion, self.compliance, float(self.lever)
 
 
-def _grip(tool: Tool) -> Grip:
-    return Grip() if isinstance(tool.contact, str) else Grip(float(tool.contact))
+def _grip(tool: Tool, lever: bool) -> Grip:
+    """How it holds at first: over the rest shape particles stay boxes, and tools push these's faces."""
+    return Grip(-1.0 if isinstance(tool.contact, str) else float(tool.contact), lever=lever)
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,13 @@ class Tools:
         self._place = wp.zeros(n, dtype=t.vec3, device=device)
         self._turn = wp.zeros(n, dtype=t.mat, device=device)
         self._speed, self._spin = wp.zeros_like(self._place), wp.zeros_like(self._place)
+        self._rest = [wp.zeros_like(self._place), wp.zeros_like(self._turn)]
         self._taken = wp.zeros((n, 2), dtype=wp.vec3d, device=device)
         self._slip = wp.zeros((n, particles), dtype=t.vec3, device=device)
         self._tied = wp.zeros((n, particles), dtype=wp.bool, device=device)
         self._knot = wp.zeros_like(self._slip)
-        self._grip = wp.array([_grip(tool).vector for tool in tools], dtype=t.vec4, device=device)
+        grips = [_grip(tool, total).vector for tool in tools]
+        self._grip = wp.array(grips, dtype=t.vec4, device=device)
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
@@ -125,14 +128,17 @@ class Tools:
         grips[n] = grip.vector
         self._grip.assign(grips)
 
-    def tie(self, tied: np.ndarray, knots: np.ndarray) -> None:
-        """Say which particles are tied to which tool.
+    def tie(self, motions: Motions, tied: np.ndarray, knots: np.ndarray) -> None:
+        """Say which particles are tied to which tool, and where bonded ones hold the body at rest.
 
         Args:
+            motions: where the tools are while it is at rest.
             tied: shape [tools, particles].
             knots: points that the faces of the particles are held at, in the frames of the tools [m],
                 shape [tools, particles, 3].
         """
+        for target, value in zip(self._rest, (motions.p_WT, motions.R_WT), strict=True):
+            self._put(target, value)
         self._tied.assign(np.asarray(tied, dtype=bool))
         self._knot.assign(np.ascontiguousarray(knots, dtype=self._dtype))
 
@@ -175,8 +181,10 @@ class Tools:
         """Launch what the bonded tools do to the nodes after forces, then carry all tools on."""
         for n, (tool, solid) in enumerate(zip(self.tools, self._solids, strict=True)):
             if tool.contact == "bonded":
-                inputs = [n, solid, *self._where(), dx, nodes, grid, self._taken]
-                wp.launch(bond(self._precision), len(grid), inputs, device=self.device)
+                held = self._rest if self._total else self._where()[:2]
+                inputs = [n, solid, *self._where(), *held, dx, nodes, grid, self._taken]
+                kernel = bond(self._precision, self._total)
+                wp.launch(kernel, len(grid), inputs, device=self.device)
         inputs = [*self._where(), clock]
         wp.launch(carry(self._precision), len(self.tools), inputs, device=self.device)
 

@@ -4,7 +4,8 @@ A tool pushes particles before they are scattered: a particle of which the ball 
 into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, pulling only
 where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
 gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
-bonded tool prescribes the velocity of the grid nodes inside it; a tied one holds the particles that
+bonded tool prescribes the velocity of the grid nodes inside it (on a grid over the rest shape, of those
+that it held at rest); a tied one holds the particles that
 are tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
 material is taken from the tool, so that momentum is kept to round-off.
 
@@ -210,8 +211,8 @@ def tie(precision: str, total: bool = False):
 
 
 @cache
-def bond(precision: str):
-    """Kernel that moves the nodes inside one tool with it."""
+def bond(precision: str, total: bool = False):
+    """Kernel that moves the nodes inside one tool with it, or those that were inside it at rest."""
     t = types(precision)
     real, vec3 = t.real, t.vec3
     far, Struct, give = distance(precision), solid_type(precision), _give(precision)
@@ -224,6 +225,8 @@ def bond(precision: str):
         turn: wp.array(dtype=t.mat),
         speed: wp.array(dtype=vec3),
         spin: wp.array(dtype=vec3),
+        place_rest: wp.array(dtype=vec3),
+        turn_rest: wp.array(dtype=t.mat),
         dx: real,
         nodes: wp.vec3i,
         grid: wp.array(dtype=t.vec4),
@@ -236,9 +239,12 @@ def bond(precision: str):
         c = i % nodes[2]
         b = (i / nodes[2]) % nodes[1]
         a = i / (nodes[1] * nodes[2])
-        r = dx * vec3(real(a), real(b), real(c)) - place[n]
-        if far(solid, wp.transpose(turn[n]) * r)[3] > real(0.0):
+        r = dx * vec3(real(a), real(b), real(c)) - place_rest[n]
+        local = wp.transpose(turn_rest[n]) * r
+        if far(solid, local)[3] > real(0.0):
             return
+        if wp.static(total):
+            r = turn[n] * local
         u = speed[n] + wp.cross(spin[n], r)
         give(taken, n, r, node[3] * (vec3(node[0], node[1], node[2]) - u))
         grid[i] = t.vec4(u[0], u[1], u[2], node[3])

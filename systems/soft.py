@@ -1,0 +1,229 @@
+"""Soft bodies added to a plant, in the lines of ``AddMultibodyPlantSceneGraph``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydrake.geometry import SceneGraph, Shape
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import DiagramBuilder
+
+from form_drake.material import Material
+from form_drake.mpm.bodies import block, filled
+from form_drake.mpm.exchange import Scene
+from form_drake.mpm.model import Body
+from form_drake.mpm.tools import Motions, Tool
+from form_drake.systems.material import PERIOD, MaterialSystem, Touching
+from form_drake.systems.shapes import friction, solid
+
+MOST_PARTICLES = 2_000_000
+ROOM = 1.0  # of a body's longest edge, left around it by default
+
+Contact = float | Literal["stick", "bonded"]
+GRIDS = ("rest", "space")
+
+
+def touching(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    bodies: Sequence[RigidBody] | None,
+    contact: Mapping[str, Contact],
+    spacing: float,
+) -> list[Touching]:
+    """The collision geometries of some bodies of a plant, or of all.
+
+    Raises:
+        ValueError: a contact is stated for a body that has no collision geometry, or a shape that
+            cannot touch material.
+    """
+    inspector = scene_graph.model_inspector()
+    if bodies is None:
+        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+    found = []
+    for body in bodies:
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            stated = contact.get(body.name(), friction(inspector, geometry))
+            shape = solid(inspector.GetShape(geometry), spacing)
+            tool = Tool(inspector.GetName(geometry), shape, stated)
+            X_BG = inspector.GetPoseInFrame(geometry)
+            found.append(Touching(body.index(), body.name(), X_BG, tool))
+    unknown = set(contact) - {t.name for t in found}
+    if unknown:
+        raise ValueError(
+            f"contact of {', '.join(sorted(unknown))}: no such body has collision geometry; those"
+            f" that have are {', '.join(sorted({t.name for t in found})) or 'none'}"
+        )
+    return found
+
+
+def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
+    """Whether a geometry moves, or stands where material may go."""
+    body = plant.get_body(touching.body)
+    if not plant.IsAnchored(body):
+        return True
+    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
+    middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
+    reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
+    return float(touching.tool.solid.distance(middle[None])[0]) < reach
+
+
+def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -> Body:
+    """Particles that fill a shape whose geometry frame stands at X_WM, ``spacing`` apart along its axes."""
+    spacing = np.broadcast_to(spacing, 3)
+    outline = solid(shape, 0.5 * float(spacing.min()))
+    if outline.kind == "half-space":
+        raise ValueError("a half-space cannot be filled with material: choose a finite shape")
+    count = np.prod(2.0 * outline.reach / spacing)
+    if count > MOST_PARTICLES:
+        raise ValueError(
+            f"{2e3 * outline.reach} mm filled by particles every {1e3 * spacing.min():.3g} mm would be"
+            f" {count:.2g} of them, at most {MOST_PARTICLES:.0e}: enlarge dx or take a smaller body"
+        )
+    if outline.kind == "box":
+        body = block((0.0, 0.0, 0.0), 2.0 * outline.size, spacing, 1.0)
+    else:
+        body = filled(outline, 2.0 * outline.reach, spacing, 1.0)
+    turned = np.abs(X_WM.rotation().matrix())
+    along = body.edges is not None and np.allclose(turned, np.round(turned))
+    edges = np.round(turned) @ body.edges if along else None
+    return Body(X_WM.multiply(body.x.T).T, body.volume, 1.0, edges)
+
+
+def over_rest(materials: Sequence[Material], grid: str) -> bool:
+    """Whether the grid lies over the rest shape.
+
+    Raises:
+        ValueError: it cannot, or ``grid`` is unknown.
+    """
+    if grid not in GRIDS:
+        raise ValueError(f"grid {grid!r}: choose from {', '.join(GRIDS)}")
+    solid = len(materials) == 1 and materials[0].law.flow in ("elastic", "plastic")
+    if grid == "rest" and not solid:
+        names = ", ".join(m.law.name for m in materials)
+        raise ValueError(f"a grid over the rest shape is for one solid, got {names}: choose space")
+    return grid == "rest"
+
+
+def _counts(per_cell: Sequence[int]) -> np.ndarray:
+    """Particles in a cell along three axes.
+
+    Raises:
+        ValueError: these are no three positive whole numbers.
+    """
+    counts = np.asarray(per_cell)
+    if counts.shape != (3,) or np.any(counts < 1) or np.any(counts != np.round(counts)):
+        raise ValueError(
+            f"particles per cell {list(per_cell)}: three whole numbers are wanted, as [2, 2, 2]"
+        )
+    return counts
+
+
+def _default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Motions:
+    """Where geometries are in the plant's default Context, at rest."""
+    context = plant.CreateDefaultContext()
+    X = [plant.EvalBodyPoseInWorld(context, plant.get_body(t.body)) @ t.X_BG for t in touching]
+    p = np.array([x.translation() for x in X]).reshape(-1, 3)
+    still = Motions.at_rest(p)
+    return replace(still, R_WT=np.array([x.rotation().matrix() for x in X]).reshape(-1, 3, 3))
+
+
+def AddMaterial(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    material: Material | Sequence[Material],
+    shape: Shape | Sequence[Shape],
+    X_WM: RigidTransform | Sequence[RigidTransform],
+    *,
+    dx: float | None = None,
+    bodies: Sequence[RigidBody] | None = None,
+    contact: Mapping[str, Contact] | None = None,
+    region: np.ndarray | None = None,
+    grid: str = "space",
+    per_cell: Sequence[int] = (2, 2, 2),
+    period: float = PERIOD,
+    settle: tuple[float, float] = (0.0, 0.0),
+    mass_scale: float = 1.0,
+    precision: str = "float32",
+    device: str = "cpu",
+) -> MaterialSystem:
+    """Add soft bodies to a finalized plant and connect them to it, wrenches fed back.
+
+    Args:
+        builder: of the diagram that holds plant and scene graph.
+        plant: finalized, with ``use_sampled_output_ports`` false.
+        scene_graph: that the plant registered its geometry with.
+        material: of the soft body, or of each of several.
+        shape: of it when free of stress; its frame is M.
+        X_WM: where it is.
+        dx: grid spacing [m]; by default a sixth of the shortest edge.
+        bodies: of the plant that touch it; by default all that have collision geometry.
+        contact: by name of a body: a Coulomb coefficient, ``stick``, or ``bonded`` for what lies
+            inside its geometry; by default the dynamic friction of the geometry.
+        region: lower and upper corner of where it may go [m], shape [2, 3].
+        grid: over the ``rest`` shape, for one solid that stays in one piece; or in ``space``, for all that
+            flows, and bodies that meet.
+        per_cell: particles in a cell of the grid along each axis of a shape.
+        period: of the exchange with the plant [s].
+        settle: see ``MaterialSystem``.
+        mass_scale: see ``Scene``.
+        precision: of the particles.
+        device: Warp device.
+
+    Raises:
+        ValueError: the plant is not finalized or samples its ports, another system already feeds
+            its applied_spatial_force port, or a stated shape, contact or region does not fit.
+    """
+    if not plant.is_finalized():
+        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
+    if plant.has_sampled_output_ports():
+        raise ValueError(
+            "the plant samples its output ports, so that wrenches would come a step late: call"
+            " plant.SetUseSampledOutputPorts(False) before Finalize()"
+        )
+    force = plant.get_applied_spatial_force_input_port()
+    if builder.IsConnectedOrExported(force):
+        raise ValueError(
+            "the plant's applied_spatial_force port is in use: add an"
+            " ExternallyAppliedSpatialForceMultiplexer, or give all materials to one AddMaterial"
+        )
+    materials, shapes, poses = (
+        list(v) if isinstance(v, Sequence) else [v] for v in (material, shape, X_WM)
+    )
+    if not len(materials) == len(shapes) == len(poses):
+        raise ValueError(
+            f"{len(materials)} materials, {len(shapes)} shapes, {len(poses)} poses: one of each for"
+            " every body"
+        )
+    edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
+    dx = float(min(edges)) / 6.0 if dx is None else dx
+    apart = dx / _counts(per_cell)
+    filled_with = [particles(s, X, apart) for s, X in zip(shapes, poses, strict=True)]
+    if region is None:
+        x = np.concatenate([b.x for b in filled_with])
+        reach = ROOM * float(np.ptp(x, axis=0).max())
+        region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
+    found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
+    found = [t for t in found if _reaches(plant, t, region)]
+    scene = Scene(
+        materials,
+        filled_with,
+        [t.tool for t in found],
+        region=region,
+        dx=dx,
+        gravity=plant.gravity_field().gravity_vector(),
+        mass_scale=mass_scale,
+        total=over_rest(materials, grid),
+        precision=precision,
+        device=device,
+    )
+    scene.tie(_default_motions(plant, found))
+    system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
+    system.set_name("material")
+    for name in ("body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(name), system.GetInputPort(name))
+    builder.Connect(system.GetOutputPort("applied_spatial_force"), force)
+    return system
