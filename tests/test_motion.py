@@ -274,6 +274,16 @@ def test_knots_gather_where_samples_are_dense():
     assert np.sqrt(np.mean(rest**2)) < 2e-3
 
 
+def test_knots_gather_first_where_most_would_be_lost():
+    """Quicker than the samples can tell everywhere: what is largest, at the end, is followed."""
+    time = np.arange(103) / 60.0
+    size = 1e-5 + 3e-3 * np.maximum(time - 1.2, 0.0)
+    y = np.stack([size * np.sin(132.0 * time), size * np.cos(132.0 * time)], axis=-1)
+    B = chosen_time(time, y, 1e-8).matrix(time)
+    rest = y - B @ np.linalg.lstsq(B, y, rcond=None)[0]
+    assert np.abs(rest).max() < 0.01 * np.abs(y).max()
+
+
 def test_fields_that_are_images_of_each_other_are_not_used_twice():
     made_of = {"method": "weak", "known": {"kappa": 1e5}}
     box = identify(made(), **made_of, weak=WeakOptions(fields=("box",)))

@@ -281,20 +281,21 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
         Q = np.linalg.qr(splines.matrix(time))[0]
         leverage = np.sum(Q**2, axis=1)
         energy = np.sum((y - Q @ (Q.T @ y)) ** 2, axis=1)
-        new = list(breaks)
+        excess: dict[float, float] = {}
         for a, b in pairwise(breaks):
             inside = (time >= a) & (time <= b)
             count = max(np.sum(1.0 - leverage[inside]), 0.0) * y.shape[1]
             expected, spread = noise**2 * count, noise**2 * np.sqrt(2.0 * count)
             middle = 0.5 * (a + b)
             halves = np.sum(inside & (time < middle)), np.sum(inside & (time > middle))
-            if min(halves) >= 1 and np.sum(energy[inside]) > expected + 3.0 * spread:
-                new.append(middle)
-        last, finer = breaks, np.sort(np.array(new))
+            over = float(np.sum(energy[inside])) - expected
+            if min(halves) >= 1 and over > 3.0 * spread:
+                excess[middle] = over
+        last, finer = breaks, np.sort(np.append(breaks, list(excess)))
         if _told(finer, time):
             breaks = finer
-        else:  # one span where samples are too few must not stop the others
-            for middle in np.setdiff1d(finer, last):
+        else:  # samples are too few for all: the worst first
+            for middle in sorted(excess, key=excess.__getitem__, reverse=True):
                 more = np.sort(np.append(breaks, middle))
                 breaks = more if _told(more, time) else breaks
         if len(breaks) == len(last):
