@@ -68,7 +68,7 @@ def test_a_plate_that_touches_a_block_of_flat_particles_bears_nothing(total):
     size = np.array([0.03, 0.03, 0.0285])
     gone, force = stamped(size, total=total, spacing=2.4e-3, times=0)
     pressed = 1e-3 * SOFT["mu"] * size[0] * size[1]
-    assert np.sqrt(np.mean(gone**2)) < 1e-6 and abs(force) < pressed * 1e-2
+    assert np.abs(gone).max() < 3e-6 and abs(force) < pressed * 1e-2
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -107,13 +107,15 @@ def test_a_grip_that_turns_takes_a_strip_with_it(device):
         spin = np.array([0.0, rate, 0.0])
         return Motions(p[None], turn.as_matrix()[None], np.cross(spin, p - axis)[None], spin[None])
 
+    with pytest.raises(ValueError, match="jaw at rest: call tie first"):
+        scene.advance(scene.start(), where(0.0, 0.0), 0.002)
     scene.tie(where(0.0, 0.0))
     end, rate, steps = scene.start(), 0.5 * np.pi / 0.2, 100
     for n in range(steps):
         end = scene.advance(end, where(rate * 0.002 * n, rate), 0.002, 60.0)
     end = scene.advance(end, where(0.5 * np.pi, 0.0), 0.6, 20.0)
     turned = axis + Rotation.from_rotvec([0.0, 0.5 * np.pi, 0.0]).apply(body.x - axis)
-    assert np.abs(end.p_WQ - turned).max() < 5e-4  # speeds are held, not places
+    assert np.abs(end.p_WQ - turned).max() < 3e-4  # speeds are held, not places
     F = end.state.F[body.x[:, 2] < 0.015]
     assert np.abs(F.swapaxes(1, 2) @ F - np.eye(3)).max() < 2e-3
 

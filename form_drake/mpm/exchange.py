@@ -116,6 +116,8 @@ class Scene:
             device=device,
         )
         self._layers: dict[int, Layer] = {}
+        held = ("tied", "bonded") if total else ("tied",)
+        self._untied = [tool.name for tool in tools if tool.contact in held]
         for n, material in enumerate(materials):
             self.simulation.set_material(material.values, n)
 
@@ -142,6 +144,7 @@ class Scene:
                 knots[n] = local - to @ motions.R_WT[n]
                 own = np.flatnonzero(tied[n])
                 self._layers[n] = Layer.of(own, local[own, :2], self.simulation.solver.dx)
+        self._untied = []
         still = replace(motions, p_WT=motions.p_WT - self.corner)
         self.simulation.tools.tie(still, tied, knots)
 
@@ -185,7 +188,12 @@ class Scene:
         Returns:
             The bodies at their end, and the mean forces on the tools during each [N], shape [motions,
             tools, 3].
+
+        Raises:
+            ValueError: nobody has said what tied tools hold, or bonded ones over the rest shape.
         """
+        if self._untied:
+            raise ValueError(f"what is held by {', '.join(self._untied)} at rest: call tie first")
         simulation, forces = self.simulation, np.zeros((len(motions), len(self.tools), 3))
         moment = np.zeros_like(start.moment)
         simulation.restore(start.state)
