@@ -20,13 +20,15 @@ from form_drake.bench.probes import (
 )
 from form_drake.bench.probes_grid import SPACINGS, deepest, grid_changes
 from form_drake.bench.probes_motions import Motions, code, errors
-from form_drake.bench.probes_stress import factors, gathered, yielding
+from form_drake.bench.probes_stress import by_rate, factors, gathered, yielding
 from form_drake.systems.probe import prepare
 from form_drake.systems.scenario import load_scenario
 
-WAY = "[{time: 0.0, p_WT: [0.5, 0, 0.076]}, {time: 0.3, p_WT: [0.5, 0, 0.0735]}]"
+WAY = "[{time: 0.0, p_WT: [0.5, 0, 0.075]}, {time: 0.3, p_WT: [0.5, 0, 0.0725]}]"
 COARSE = (
-    "solver.dx=0.005",
+    "specimen.size=[0.024, 0.024, 0.024]",
+    "specimen.p_WM=[0.5, 0.0, 0.062]",
+    "solver.dx=0.004",
     "solver.mass_scale=40",
     "solver.settle=0.05",
     "measure.points=150",
@@ -89,7 +91,7 @@ def test_the_solver_s_own_stress_closes_the_balance(pressed):
     material = load_scenario("press_b", COARSE).specimen.made()
     own = factors(recording, found, material)
     assert set(own) == {"E", "all"}  # nothing yields
-    assert abs(own["E"]["error"]) < 0.6  # in five cells of height, ten times as fast as usual
+    assert abs(own["E"]["error"]) < 0.6  # in six cells of height, ten times as fast as usual
     stiffer = factors(recording, replace(found, stress=1.1 * found.stress), material)
     assert stiffer["E"]["error"] == pytest.approx((own["E"]["error"] - 10.0) / 1.1, abs=1e-6)
 
@@ -109,6 +111,17 @@ def test_yielding_is_a_share_of_the_points():
     T[1] = -1e6 * np.eye(3)  # pressure does not yield
     assert yielding(T, made).tolist() == [0.5, 0.0]
     assert yielding(T, load_scenario("bend_a").specimen.made()).tolist() == [0.0, 0.0]
+
+
+def test_own_stress_of_thinned_frames(kept, pressed):
+    """The frames of the recording are those of the solver's periods, every tenth."""
+    motions, recording = kept
+    material = load_scenario("press_b", COARSE).specimen.made()
+    rates = by_rate(motions, "press_b", COARSE, rates=(100.0,))["rates"]
+    assert {rate: len(errors) for rate, errors in rates.items()} == {"100.0": 5, "1000.0": 1}
+    same = factors(recording, pressed[1], material)["E"]["error"]
+    assert rates["100.0"][0]["E"] == pytest.approx(same, abs=1e-3)  # fields move between frames
+    assert abs(rates["1000.0"][0]["E"]) < 0.6
 
 
 @pytest.mark.parametrize("name", ["press_b", "bend_a"])
@@ -169,9 +182,8 @@ def _edited(path):
 def test_cases_that_are_planned(tmp_path):
     cases, seconds = planned(Motions(tmp_path), 2, 5)
     assert cases.keys() == seconds.keys()
-    assert {"own-stress/press_a", "own-stress/bend_b", "dx/press_b/1.667", "dx/bend_a/1"} <= set(
-        cases
-    )
+    named = {"own-stress/press_a", "rate/bend_b", "dx/press_b/1.667", "dx/bend_a/1"}
+    assert named <= cases.keys()
     assert len([n for n in cases if n.startswith("dx/")]) == 4 * 3
     drawn = "own-stress/press-3"
     assert drawn not in cases
@@ -224,6 +236,7 @@ def test_tables_of_simulator_grids_and_finite_elements():
         "dx/press_b/1.667": at(5e-3 / 3.0, -0.5),
         "dx/bend_a/2": {"errors": {}, "dx": 2e-3, "force": 0.011, "refused": "it folds"},
         "fe/press-b": exact,
+        "rate/bend_a": {"rates": {"58.8": [{"E": -0.7}, {"E": 0.25}], "1000.0": [{"E": 0.02}]}},
     }
     text = table({"cases": cases})
     assert "press_a   E +0.080 (9 rows)  all +5.000 (12 rows)  met (goal 0.3)" in text
@@ -232,6 +245,7 @@ def test_tables_of_simulator_grids_and_finite_elements():
     assert "press_b   E: largest change 0.400  MISSED (goal 0.3)" in text
     assert "bend_a     2.000 mm  refused: it folds  force 0.011 N" in text
     assert "E -0.600  MISSED" in text
+    assert "bend_a      58.8  E -0.700 to +0.250" in text
 
 
 def test_bad_options_are_refused(tmp_path):

@@ -294,7 +294,7 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
 
 def test_a_press_stops_at_a_force():
     """The plate is held by the arm where the sensor reads 3 N, though the path goes on to 6 N."""
-    scenario = short()
+    scenario = short("press_b", "solver.mass_scale=20")
     scenario.probe.until_force = 3.0
     force = record(prepare(scenario)).forces["press_plate"].value[:, 2]
     assert 3.0 <= force.max() < 3.6

@@ -140,7 +140,7 @@ def planned(
 
     The solver's own stress of a drawn specimen is looked at where ``only`` names the specimen.
     """
-    from form_drake.bench.probes_stress import own_stress
+    from form_drake.bench.probes_stress import by_rate, own_stress
 
     cases: Cases = {}
     expected: dict[str, float] = {}
@@ -159,6 +159,7 @@ def planned(
     for name in NAMED:
         probe = name.split("_")[0]
         add(f"unseen/{name}", 2.0 * SECONDS[probe], unseen, name, ())
+        add(f"rate/{name}", 4.0 * SECONDS[probe], by_rate, name, ())
         for dx in SPACINGS[probe]:
             finer = SPACINGS[probe][0] / dx
             seconds = SECONDS[probe] * finer**FINER + READING[probe]

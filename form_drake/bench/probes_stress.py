@@ -2,12 +2,14 @@
 
 The probe is simulated once more and all particles are quadrature points: their positions, velocities
 and Kirchhoff stresses stand in the test fields and windows that the identification chooses for its
-recording (each contraction of a pressed block by itself, also where it takes their mean). The factor by which that stress has to be scaled for the balance of momentum to close is
-the error that a perfect reading of the motion would be left with. No fit of tracks is in it.
+recording (each contraction of a pressed block by itself, also where it takes their mean). The factor by
+which that stress has to be scaled for the balance of momentum to close is the error that a perfect
+reading of the motion would be left with. No fit of tracks is in it. From fewer frames a second, it is the
+error that vibrations make which are too fast for those.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from form_drake.material import Material
 from form_drake.motion import Body, Motion, body
 from form_drake.mpm.exchange import Snapshot
 from form_drake.records import Recording
+from form_drake.systems.behind import steps_between
 from form_drake.systems.probe import Run, begin, finish, prepare
 from form_drake.systems.scenario import load_scenario
 from form_drake.systems.station import specimen_corners
@@ -29,6 +32,8 @@ from form_drake.weak.force import measured
 from form_drake.weak.windows import Windows, windows
 
 BLOCK = 25  # fewest frames that are integrated at once
+RATES = (30.0, 60.0, 100.0)  # of frames [Hz], to whole periods of the solver
+PHASES = 4  # first frames, about
 AT_YIELD = 1e-3  # share below the yield stress that still counts as yielding
 # share of the volume that yields, at most in elastic and at least in yielded windows: layers at the
 # ends, where contact acts inside of the surface, may never yield
@@ -60,6 +65,12 @@ class Integrals:
         """Frames of several, in order of time."""
         names = cls.__dataclass_fields__
         return cls(**{k: np.concatenate([getattr(p, k) for p in parts]) for k in names})
+
+    def at(self, frames: np.ndarray) -> "Integrals":
+        """Some of the frames; time runs from the first of them on."""
+        names = type(self).__dataclass_fields__
+        part = Integrals(**{k: getattr(self, k)[frames] for k in names})
+        return replace(part, time=part.time - part.time[0])
 
 
 @dataclass(frozen=True)
@@ -237,3 +248,30 @@ def own_stress(motions: Motions, name: str, made: tuple[str, ...]) -> dict[str, 
     recording = motions.recording(name, made)
     found = gathered(prepare(scenario), recording)
     return {"errors": factors(recording, found, scenario.specimen.made())}
+
+
+def by_rate(
+    motions: Motions, name: str, made: tuple[str, ...], rates: Sequence[float] = RATES
+) -> dict[str, Any]:
+    """Those errors for frames after so many solver periods, with several first frames."""
+    scenario = load_scenario(name, made)
+    recording, period = motions.recording(name, made), scenario.solver.period
+    first, last = (round(float(t) / period) for t in recording.time[[0, -1]])
+    stamps = period * np.arange(first, last + 1)
+    found = gathered(prepare(scenario), _at_frames(recording, stamps))
+    material, told = scenario.specimen.made(), {}
+    for rate in (*rates, 1.0 / period):
+        step = steps_between(rate, period)
+        errors = []
+        for start in range(0, step, max(step // PHASES, 1)):
+            frames = np.arange(start, len(stamps), step)
+            own = factors(_at_frames(recording, stamps[frames]), found.at(frames), material)
+            errors.append({k: v["error"] for k, v in own.items() if k != "all"})
+        told[f"{1.0 / (step * period):.1f}"] = errors
+    return {"rates": told}
+
+
+def _at_frames(recording: Recording, time: np.ndarray) -> Recording:
+    """A recording of as many frames, for its stamps [s] alone."""
+    still = np.broadcast_to(recording.p_WQ[:1], (len(time), *recording.p_WQ.shape[1:]))
+    return replace(recording, time=time, p_WQ=still, valid=None)

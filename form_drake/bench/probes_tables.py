@@ -19,6 +19,7 @@ TITLES = {
     "twin": "exact tracks, with the twin: error [%]",
     "own-stress": "the solver's own stress at all particles in the balance: error [%] of E before"
     " anything yields, of tau_y while most of the body does, and of all rows",
+    "rate": "the same for frames at other rates [Hz], of several first frames: least and largest",
     "dx": "exact tracks from three grids: error [%], force at the largest stroke, and the closed"
     " form sqrt(3/2) tau_y V / H",
     "unseen": "a motion that was not used: shape [mm rms], force [% of its peak, rms], peak force [%]",
@@ -34,6 +35,7 @@ def table(result: dict[str, Any]) -> str:
         "noise": _noisy_lines,
         "unseen": _unseen_lines,
         "own-stress": _own_lines,
+        "rate": _rate_lines,
         "dx": _grid_lines,
     }
     for kind, title in TITLES.items():
@@ -60,6 +62,16 @@ def _own_lines(own: dict[str, Any]) -> list[str]:
         )
         size = max(abs(e["error"]) for k, e in r["errors"].items() if k != "all")
         lines.append(f"{name:10}{cells}  {met(size, goal)}")
+    return lines
+
+
+def _rate_lines(own: dict[str, Any]) -> list[str]:
+    lines = []
+    for name, r in own.items():
+        for rate, errors in r["rates"].items():
+            found = {k: [e[k] for e in errors if k in e] for k in errors[0]}
+            cells = "  ".join(f"{k} {min(v):+.3f} to {max(v):+.3f}" for k, v in found.items())
+            lines.append(f"{name:10}{rate:>6}  {cells}")
     return lines
 
 
