@@ -95,21 +95,31 @@ def extrapolated(spacing: np.ndarray, values: np.ndarray) -> float:
     return float(np.linalg.lstsq(terms, values, rcond=None)[0][0])
 
 
-def run_deformable(store: Path | None = None, folder: Path = DATA) -> dict[str, Any]:
+def run_deformable(
+    store: Path | None = None, folder: Path = DATA, only: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """All meshes, and for each kind the limits of identified and apparent modulus.
 
     Args:
         store: where finished cases are kept; None: nowhere.
         folder: of the files.
+        only: parts of the kinds that are wanted; empty: all.
+
+    Raises:
+        ValueError: ``only`` leaves nothing.
     """
-    cases = {name: partial(identified, name, folder) for name in NAMES}
+    chosen = [kind for kind in KINDS if not only or any(o in kind for o in only)]
+    if not chosen:
+        raise ValueError(f"--only {','.join(only)}: choose from {', '.join(KINDS)}")
+    names = [name for name in NAMES if name.split("-")[0] in chosen]
+    cases = {name: partial(identified, name, folder) for name in names}
     if store is None:
         each = {name: case() for name, case in cases.items()}
     else:
-        seconds = dict.fromkeys(NAMES, SECONDS)
-        each = run_cases(cases, store=store, mark=fingerprint(), estimates=seconds, only=())
+        seconds = dict.fromkeys(names, SECONDS)
+        each = run_cases(cases, store=store, mark=fingerprint(), estimates=seconds)
     kinds: dict[str, Any] = {}
-    for kind in KINDS:
+    for kind in chosen:
         meshes = {mesh: each[f"{kind}-{mesh}"] for mesh in MESHES}
         spacing, E, apparent = (
             np.array([m[key] for m in meshes.values()]) for key in ("spacing", "E", "apparent")

@@ -2,8 +2,9 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,7 +29,7 @@ from form_drake.bench import (
 from form_drake.bench.curves import recordings
 from form_drake.commands.output import emit, say
 from form_drake.files import target, write_json
-from form_drake.records import write_recording
+from form_drake.records import Recording, write_recording
 
 DATA = "FORM_DRAKE_NCLAW"
 
@@ -47,99 +48,85 @@ def _folder(data: Path | None) -> Path:
     return folder
 
 
-def _finish(
-    name: str,
-    out: Path | None,
-    run: Callable[[Path], dict[str, Any]],
-    table: Callable[[dict[str, Any]], str],
-    *,
-    whole: bool,
-    as_json: bool,
-) -> None:
-    """Run a bench, write its result; the finished cases of a part of it are kept for the rest."""
-    out = target(out or Path("runs") / f"bench-{name}" / f"{name}.json")
-    store = out.with_name(out.name + ".cases")
-    result = run(store)
-    write_json(out, result)
-    if whole:
-        shutil.rmtree(store, ignore_errors=True)
-    emit(table(result), result, as_json=as_json)
-    say(f"written: {out}")
+@dataclass(frozen=True, kw_only=True)
+class Cases:
+    """Many cases, each kept when it is finished, until all are there."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-NAME/NAME.json, NAME that of the bench. What is finished
+    stays beside it."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def finish(
+        self,
+        name: str,
+        run: Callable[..., dict[str, Any]],
+        table: Callable[[dict[str, Any]], str],
+    ) -> None:
+        """Run with ``store`` and ``only``; finished cases of a part of the bench stay for the rest."""
+        out = target(self.out or Path("runs") / f"bench-{name}" / f"{name}.json")
+        store = out.with_name(out.name + ".cases")
+        result = run(store=store, only=self.only)
+        write_json(out, result)
+        if not self.only:
+            shutil.rmtree(store, ignore_errors=True)
+        emit(table(result), result, as_json=self.json)
+        say(f"written: {out}")
 
 
-@dataclass(frozen=True)
-class Table2:
+def _written(made: Mapping[str, Recording], folder: Path, *, as_json: bool) -> None:
+    """Write recordings into a folder, under their names."""
+    written = []
+    for name, recording in made.items():
+        place = target(folder / f"{name}.h5")
+        write_recording(recording, place)
+        written.append(str(place))
+    emit("\n".join(written), {"recordings": written}, as_json=as_json)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table2(Cases):
     """The paper's Table II on the shared NCLaw data, with the floors of this solver."""
 
     data: Path | None = None
     """Folder of the shared NCLaw data; default: the environment variable FORM_DRAKE_NCLAW."""
     method: Literal["step", "weak"] = "step"
     """step: the table; weak: the bias of the weak form on the same data, with the twin offset."""
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-table2/table2.json, or table2-weak for weak."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
         data = _folder(self.data)
-
-        weak = self.method == "weak"
-
-        def run(store: Path) -> dict[str, Any]:
-            run_all = table2_weak.run_table2_weak if weak else table2.run_table2
-            return run_all(data, store=store, only=self.only)
-
-        name, table = ("table2-weak", table2_weak.table) if weak else ("table2", table2.table)
-        _finish(name, self.out, run, table, whole=not self.only, as_json=self.json)
+        if self.method == "weak":
+            run = partial(table2_weak.run_table2_weak, data)
+            self.finish("table2-weak", run, table2_weak.table)
+        else:
+            self.finish("table2", partial(table2.run_table2, data), table2.table)
 
 
-@dataclass(frozen=True)
-class Nulls:
+@dataclass(frozen=True, kw_only=True)
+class Nulls(Cases):
     """Scores of a diagnosis where nothing is missing, on data from a finer grid than the twin's."""
 
     draws: int = nulls.DRAWS
     """Draws of noise on every specimen."""
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-nulls/nulls.json."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
         if self.draws < 1:
             raise ValueError(f"--draws {self.draws}: at least one is wanted")
-
-        def run(store: Path) -> dict[str, Any]:
-            return nulls.run_nulls(draws=self.draws, store=store, only=self.only)
-
-        whole = not self.only
-        _finish("nulls", self.out, run, nulls.table, whole=whole, as_json=self.json)
+        self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
 
 
-@dataclass(frozen=True)
-class Effects:
+@dataclass(frozen=True, kw_only=True)
+class Effects(Cases):
     """Every effect, at three sizes, found again in a press and a shake; none where none acts."""
-
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-effects/effects.json."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
-
-        def run(store: Path) -> dict[str, Any]:
-            return effects.run_effects(store=store, only=self.only)
-
-        whole = not self.only
-        _finish("effects", self.out, run, effects.table, whole=whole, as_json=self.json)
+        self.finish("effects", effects.run_effects, effects.table)
 
 
 @dataclass(frozen=True)
@@ -180,50 +167,34 @@ class Blind:
         say(f"written: {out}")
 
 
-@dataclass(frozen=True)
-class Positions:
+@dataclass(frozen=True, kw_only=True)
+class Positions(Cases):
     """Positions only: six wrong starts, then sparse and noisy with coverage of the intervals."""
 
     data: Path | None = None
     """Folder of the shared NCLaw data; default: the environment variable FORM_DRAKE_NCLAW."""
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-positions/positions.json."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names contain one of these."""
     seeds: int = positions.SEEDS
     """Noise seeds."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
-        data = _folder(self.data)
-
-        def run(store: Path) -> dict[str, Any]:
-            return positions.run_positions(data, store=store, only=self.only, seeds=self.seeds)
-
-        _finish("positions", self.out, run, positions.table, whole=not self.only, as_json=self.json)
+        run = partial(positions.run_positions, _folder(self.data), seeds=self.seeds)
+        self.finish("positions", run, positions.table)
 
 
-@dataclass(frozen=True)
-class Speed:
+@dataclass(frozen=True, kw_only=True)
+class Speed(Cases):
     """Particle-steps per second beside a textbook code and Taichi (optional), in one run."""
 
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-speed/speed.json."""
-    only: tuple[str, ...] = ()
-    """Run only these cases."""
     particles: int = speed.PARTICLES
     """Particles of the block, the cube of an even number."""
     device: str = "cpu"
     """Warp device: cpu or cuda:0."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
 
-        def run(_: Path) -> dict[str, Any]:
+        def run(store: Path, only: tuple[str, ...]) -> dict[str, Any]:
             with tqdm(unit="window", disable=None, delay=2, leave=False) as bar:
 
                 def progress(done: int, total: int) -> None:
@@ -231,17 +202,17 @@ class Speed:
                     bar.update(done - bar.n)
 
                 return speed.run_speed(
-                    only=self.only or None,
+                    only=only or None,
                     particles=self.particles,
                     device=self.device,
                     progress=progress,
                 )
 
-        _finish("speed", self.out, run, speed.table, whole=not self.only, as_json=self.json)
+        self.finish("speed", run, speed.table)
 
 
-@dataclass(frozen=True)
-class Rubber:
+@dataclass(frozen=True, kw_only=True)
+class Rubber(Cases):
     """Measured curves of rubber and tissue: laws fitted to some modes predict the others."""
 
     data: Path
@@ -250,129 +221,83 @@ class Rubber:
     """Python file with laws of your own, fitted alone and beside yeoh; it is executed."""
     recordings: Path | None = None
     """Folder: write every curve there as a recording for form-drake identify, and do no fit."""
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-rubber/rubber.json."""
-    only: tuple[str, ...] = ()
-    """Run only fits whose names (table/law/all or table/law/without-MODE) contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench, or write the recordings."""
         if not self.data.is_dir():
             raise ValueError(f"{self.data}: no such folder")
         if self.recordings is not None:
-            self._write(self.recordings)
+            probes = {
+                f"{path.stem}-{mode}": recording
+                for path in rubber.tables(self.data)
+                for mode, recording in recordings(path).items()
+            }
+            _written(probes, self.recordings, as_json=self.json)
             return
-
-        def run(store: Path) -> dict[str, Any]:
-            return rubber.run_rubber(self.data, store=store, own=self.laws, only=self.only)
-
-        _finish("rubber", self.out, run, rubber.table, whole=not self.only, as_json=self.json)
-
-    def _write(self, folder: Path) -> None:
-        written = []
-        for path in rubber.tables(self.data):
-            for mode, recording in recordings(path).items():
-                place = target(folder / f"{path.stem}-{mode}.h5")
-                write_recording(recording, place)
-                written.append(str(place))
-        emit("\n".join(written), {"recordings": written}, as_json=self.json)
+        run = partial(rubber.run_rubber, self.data, own=self.laws)
+        self.finish("rubber", run, rubber.table)
 
 
-@dataclass(frozen=True)
-class WeakForm:
-    """The weak form on exact motions and finite elements of tests/oracles; needs a checkout."""
+@dataclass(frozen=True, kw_only=True)
+class WeakForm(Cases):
+    """The weak form on exact motions and finite elements of tests/oracles; needs a checkout.
 
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-weak-form/weak-form.json."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names (such as exact/yeoh or fe/press-a) contain one of these."""
+    Cases are called exact/yeoh, refused/gent, fe/press-a, noise/yeoh/1/seeds20 and so on.
+    """
+
     seeds: int = weak_form.SEEDS
     """Noise seeds."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench."""
-
-        def run(store: Path) -> dict[str, Any]:
-            return weak_form.run_weak_form(store=store, only=self.only, seeds=self.seeds)
-
-        _finish("weak-form", self.out, run, weak_form.table, whole=not self.only, as_json=self.json)
-
-
-@dataclass(frozen=True)
-class Probes:
-    """Probes in the station against the truth, on three grids too, and those of finite elements."""
-
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-probes/probes.json. Simulated motions stay beside it."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names (such as exact/press_a, noise/bend-3, own-stress/press-3, dx/bend_a
-    or fe/press-b) contain one of these."""
-    seeds: int = probes.SEEDS
-    """Noise seeds."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
-
-    def run(self) -> None:
-        """Run the bench."""
-
-        def run(store: Path) -> dict[str, Any]:
-            return probes.run_probes(store=store, only=self.only, seeds=self.seeds)
-
-        _finish("probes", self.out, run, probes.table, whole=not self.only, as_json=self.json)
-
-
-@dataclass(frozen=True)
-class Perception:
-    """Probes seen by two cameras: pictures, tracks, inside, law, and what disturbs them."""
-
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-perception/perception.json. Motions and tracks stay
-    beside it."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names (such as stereo/press_a, stereo/bend-3, fe/press-a, paper/bend_b or
-    sweep/noise/5/press_a) contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
-
-    def run(self) -> None:
-        """Run the bench."""
-
-        def run(store: Path) -> dict[str, Any]:
-            return perception.run_perception(store=store, only=self.only)
-
-        _finish(
-            "perception", self.out, run, perception.table, whole=not self.only, as_json=self.json
+        self.finish(
+            "weak-form", partial(weak_form.run_weak_form, seeds=self.seeds), weak_form.table
         )
 
 
-@dataclass(frozen=True)
-class Deformable:
+@dataclass(frozen=True, kw_only=True)
+class Probes(Cases):
+    """Probes in the station against the truth, on three grids too, and those of finite elements.
+
+    Cases are called exact/press_a, noise/bend-3, own-stress/press-3, rate/bend_a, dx/bend_a, fe/press-b
+    and so on. Simulated motions stay beside the result.
+    """
+
+    seeds: int = probes.SEEDS
+    """Noise seeds."""
+
+    def run(self) -> None:
+        """Run the bench."""
+        self.finish("probes", partial(probes.run_probes, seeds=self.seeds), probes.table)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perception(Cases):
+    """Probes seen by two cameras: pictures, tracks, inside, law, and what disturbs them.
+
+    Cases are called stereo/press_a, stereo/bend-3, fe/press-a, paper/bend_b, sweep/noise/5/press_a and
+    so on. Motions and tracks stay beside the result.
+    """
+
+    def run(self) -> None:
+        """Run the bench."""
+        self.finish("perception", perception.run_perception, perception.table)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deformable(Cases):
     """Drake's own deformable bodies on three meshes, stored with the tests; needs a checkout."""
 
     recordings: Path | None = None
     """Folder: write every motion there as a recording for form-drake identify, and identify none."""
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-deformable/deformable.json."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Run the bench, or write the recordings."""
         if self.recordings is None:
-            run = deformable.run_deformable
-            table = deformable.table
-            _finish("deformable", self.out, run, table, whole=True, as_json=self.json)
-            return
-        written = []
-        for name in deformable.NAMES:
-            place = target(self.recordings / f"{name}.h5")
-            write_recording(deformable.recording(name), place)
-            written.append(str(place))
-        emit("\n".join(written), {"recordings": written}, as_json=self.json)
+            self.finish("deformable", deformable.run_deformable, deformable.table)
+        else:
+            made = {name: deformable.recording(name) for name in deformable.NAMES}
+            _written(made, self.recordings, as_json=self.json)
 
 
 @dataclass(frozen=True)
