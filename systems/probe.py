@@ -203,13 +203,11 @@ def finish(
 
 
 def tracked(scenario: Scenario, station: Station) -> np.ndarray:
-    """Indices of the particles that are tracked, outside of clamps and drawn by the seed."""
-    corners = specimen_corners(scenario)
-    X = station.material.scene.rest
-    free = np.flatnonzero(np.all((X >= corners[0]) & (X <= corners[1]), axis=1))
-    wanted = scenario.measure.points or len(free)
+    """Indices of the particles that are tracked, drawn by the seed."""
+    count = len(station.material.scene.rest)
+    wanted = scenario.measure.points or count
     rng = np.random.default_rng(scenario.measure.seed)
-    return np.sort(rng.choice(free, size=min(wanted, len(free)), replace=False))
+    return np.sort(rng.choice(count, size=min(wanted, count), replace=False))
 
 
 def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recording:

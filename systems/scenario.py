@@ -35,7 +35,7 @@ class Specimen:
         known: parameters that are declared to the identification.
         faces: what is known of each face, see ``Recording.contact``.
         contact: by body: a Coulomb coefficient, ``stick`` or ``bonded``.
-        clamped: by face: length inside of a clamp there [m], which the recorded body leaves out.
+        clamped: by face: length inside of a clamp there [m], which is neither simulated nor recorded.
     """
 
     size: list[float] = field(default_factory=list)

@@ -29,7 +29,7 @@ def add_cameras(
         builder: that holds the station's diagram.
         scenario: of the station.
         station: whose specimen is seen.
-        chosen: indices of the particles outside of clamps.
+        chosen: indices of the particles that the cameras' pictures are made of.
         header: what is known before the probe.
         duration: of the probe [s].
         meshcat: that shows the points.

@@ -160,19 +160,17 @@ def _soft(
     for face in specimen.clamped:
         at = Face.named(face)
         halfway[at.axis] = float(corners[at.side, at.axis])
-    size, p_WM = np.array(specimen.size), np.array(specimen.p_WM)
-    whole = np.stack([p_WM - size / 2, p_WM + size / 2])
     return AddMaterial(
         builder,
         plant,
         scene_graph,
         material,
-        Box(*specimen.size),
-        RigidTransform(p_WM),
+        Box(*np.ptp(corners, axis=0)),
+        RigidTransform(corners.mean(axis=0)),
         dx=solver.dx,
         bodies=_named_bodies(plant, specimen.contact),
         contact={body: _contact(word) for body, word in specimen.contact.items()},
-        region=region_around(whole, np.array(solver.room), solver.dx, halfway),
+        region=region_around(corners, np.array(solver.room), solver.dx, halfway),
         grid=solver.grid,
         per_cell=solver.per_cell,
         period=solver.period,

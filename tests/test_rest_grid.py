@@ -1,5 +1,7 @@
 """The grid over the rest shape of a solid, and particles that are boxes."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from form_drake.laws import LAWS, law_named
 from form_drake.material import Material
 from form_drake.mpm.bodies import block
-from form_drake.mpm.exchange import Scene
+from form_drake.mpm.exchange import Scene, region_around
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
@@ -118,6 +120,65 @@ def test_a_grip_that_turns_takes_a_strip_with_it(device):
     assert np.abs(end.p_WQ - turned).max() < 3e-4  # speeds are held, not places
     F = end.state.F[body.x[:, 2] < 0.015]
     assert np.abs(F.swapaxes(1, 2) @ F - np.eye(3)).max() < 2e-3
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_what_hangs_from_a_flat_jaw_is_at_rest_where_the_jaw_ends(device):
+    """Displacements of a heavy bar are exact, and the jaw bears its weight."""
+    size, stiffness, pull = np.array([0.008, 0.008, 0.03]), 80e3, 40.0
+    body = block(np.zeros(3), size, 2e-3, 1000.0)
+    bar = Material(LAWS["fixed-corotated"], {"mu": stiffness / 2, "lam": 0.0}, 1000.0)
+    jaw, ends = Tool("jaw", Solid.box([0.05, 0.05, 0.02]), "bonded"), np.stack([-size, size]) / 2
+    region = region_around(ends, np.full(3, 0.004), 0.004, {2: ends[1, 2]})
+    weight = {"gravity": np.array([0.0, 0.0, -pull]), "precision": "float64"}
+    scene = Scene(
+        [bar], [body], [jaw], region=region, dx=0.004, total=True, device=device, **weight
+    )
+    still = Motions.at_rest(ends[1] * [0.0, 0.0, 1.0] + [0.0, 0.0, 0.01])
+    scene.tie(still)
+    end = scene.advance(scene.start(), still, 0.4, 60.0)
+    end = scene.advance(end, still, 2e-3)
+    below = ends[1, 2] - body.x[:, 2]
+    sag = 1000.0 * pull / stiffness * (size[2] * below - below**2 / 2)
+    gone = end.p_WQ - body.x
+    assert np.abs(gone[:, 2] + sag).max() < 2e-3 * sag.max()
+    assert end.force[0] == pytest.approx(
+        [0.0, 0.0, -1000.0 * pull * size.prod()], rel=1e-4, abs=1e-9
+    )
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_strip_that_a_cylinder_bends_and_holds_comes_to_rest(device):
+    """Contact takes energy: the force does not go on to swing."""
+    size, radius, stroke = np.array([0.042, 0.015, 0.085]), 0.01, 0.02
+    body, dt, pushed = block(np.zeros(3), size, DX / np.array([4, 2, 2]), 1000.0), 1e-3, 0.25
+    hand = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    tools = [
+        Tool("jaw", Solid.box([0.05, 0.06, 0.025]), "bonded"),
+        Tool("pusher", Solid.cylinder(radius, 0.06)),
+    ]
+    stiff = Material(LAWS["fixed-corotated"], {"mu": 27.6e3, "lam": 248e3}, 1000.0)
+    region = region_around(np.stack([-size, size]) / 2, np.full(3, 0.03), DX, {2: size[2] / 2})
+    still = {"gravity": np.zeros(3), "total": True, "device": device}
+    scene = Scene([stiff], [body], tools, region=region, dx=DX, **still)
+
+    def where(x, v=0.0):
+        p = np.array([[0.0, 0.0, size[2] / 2 + 0.0125], [x, 0.0, 0.01 - size[2] / 2]])
+        v_WT = np.array([[0.0, 0.0, 0.0], [v, 0.0, 0.0]])
+        return Motions(p, np.stack([np.eye(3), hand]), v_WT, np.zeros((2, 3)))
+
+    def smooth(t):
+        return t * t * (3.0 - 2.0 * t)
+
+    begin = size[0] / 2 + radius + 2e-4
+    scene.tie(where(begin))
+    now, forces = scene.start(), []
+    ways = begin - stroke * smooth(np.minimum(np.arange(351) * dt / pushed, 1.0))
+    for x, to in pairwise(ways):
+        now = scene.advance(now, where(x, (to - x) / dt), dt)
+        forces.append(now.force[1, 0])
+    held = np.array(forces[int(pushed / dt) :])
+    assert held[50:].std() < 0.05 * held.mean()
 
 
 @pytest.mark.parametrize("device", DEVICES)

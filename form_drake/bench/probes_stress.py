@@ -23,7 +23,6 @@ from form_drake.records import Recording
 from form_drake.systems.behind import steps_between
 from form_drake.systems.probe import Run, begin, finish, prepare
 from form_drake.systems.scenario import load_scenario
-from form_drake.systems.station import specimen_corners
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.choice import RAMPS, bend, chosen_windows
@@ -80,18 +79,10 @@ class Particles:
     Attributes:
         run: of the probe.
         recording: of the same probe, for what is known of body, tool and weight.
-        free: which particles lie outside of clamps, shape [particles].
     """
 
     run: Run
     recording: Recording
-    free: np.ndarray
-
-    @classmethod
-    def of(cls, run: Run, recording: Recording) -> "Particles":
-        low, high = specimen_corners(run.scenario)
-        X = run.station.material.scene.rest
-        return cls(run, recording, np.all((X >= low) & (X <= high), axis=1))
 
     @property
     def tool(self) -> str:
@@ -102,7 +93,7 @@ class Particles:
     def integrals(self, stamps: np.ndarray, snapshots: Sequence[Snapshot]) -> Integrals:
         """Sums at snapshots with stamps [s], shape [frames]."""
         motion = self._motion(stamps - self.recording.time[0], snapshots)
-        T = np.array([s.state.tau[self.free] for s in snapshots], dtype=float)
+        T = np.array([s.state.tau for s in snapshots], dtype=float)
         fields = like_fields(self.recording, motion)
         gravity = np.asarray(self.recording.gravity) / self.recording.mass_scale
         found = balance(fields, motion, gravity)
@@ -119,12 +110,10 @@ class Particles:
         """The particles; F is the elastic part, which material fields of elastic laws alone read."""
         scene = self.run.station.material.scene
         states = [s.state for s in snapshots]
-        v, F, L = (np.array([getattr(s, k)[self.free] for s in states], float) for k in "vFL")
-        x = np.array([s.p_WQ[self.free] for s in snapshots])
-        volume, mass = (
-            a[self.free] for a in (scene.simulation.body.volume, scene.simulation.body.mass)
-        )
-        return Motion(time, scene.rest[self.free], x, v, F, L, volume, mass)
+        v, F, L = (np.array([getattr(s, k) for s in states], float) for k in "vFL")
+        x = np.array([s.p_WQ for s in snapshots])
+        body = scene.simulation.body
+        return Motion(time, scene.rest, x, v, F, L, body.volume, body.mass)
 
 
 def yielding(T: np.ndarray, material: Material) -> np.ndarray:
@@ -170,7 +159,7 @@ def _axial(recording: Recording, shape: Body, motion: Motion) -> AxialFields:
 
 def gathered(run: Run, recording: Recording) -> Integrals:
     """Simulate the probe and integrate over its particles at every frame of its recording."""
-    particles, simulator = Particles.of(run, recording), begin(run)
+    particles, simulator = Particles(run, recording), begin(run)
     period, material = run.scenario.solver.period, run.station.material
     context = material.GetMyContextFromRoot(simulator.get_context())
     steps = {round(float(t) / period): n for n, t in enumerate(recording.time)}

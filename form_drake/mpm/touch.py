@@ -5,14 +5,19 @@ into the tool by a depth gets the velocity change beta depth / dt - u_n along th
 where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
 gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
 bonded tool prescribes the velocity of the grid nodes inside it (on a grid over the rest shape, of those
-that it held at rest); a tied one holds the particles that
-are tied to it where they were tied, whichever nodes it meets on its way. Every impulse given to the
-material is taken from the tool, so that momentum is kept to round-off.
+that it held at rest); a tied one holds the particles that are tied to it where they were tied, whichever
+nodes it meets on its way. Every impulse given to the material is taken from the tool, so that momentum is
+kept to round-off.
+
+Over the rest shape, a body may end at a bonded tool's flat face, half-way between two nodes. With the node
+inside at rest, the body would move at its face by half of what the node outside does, as if it were half a
+cell longer. So these two move oppositely about the tool: the face moves with it.
 
 Tied particles, and those under a grip with a lever, are held where they touch: at the end T H a of the
 particle, a = H T^T n / |H T^T n|, where H has half its edges on the diagonal and T is its deformation;
 the impulse there gives it an affine motion too. What bears a load needs no depth: depths add up (the
-integral term of a controller) until none is left.
+integral term of a controller) until none is left. That has to be fast, and fade where a particle has
+left: what pushes late drives vibrations.
 """
 
 from functools import cache
@@ -25,7 +30,9 @@ from form_drake.mpm.solids import distance, solid_type
 # Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
 # load, a small one is a soft surface; 1 lets what hits the tool bounce back.
 BETA = 0.75
-LEARN = 0.03  # share of its depth that a step adds to what pushes a particle at no depth
+HALFWAY = 0.01  # of a cell, by which a face may be off the middle between two nodes
+LEARN = 0.3  # share of its depth that a step adds to what pushes a particle at no depth
+FADE = 0.03  # share of that which a step takes from a particle that has left
 REACH = 2e-4  # [m] off a tool at which adhesion ends
 
 
@@ -65,6 +72,7 @@ def contact(precision: str, total: bool = False):
     far, Struct, give = distance(precision), solid_type(precision), _give(precision)
     section, end = _box(precision)
     beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
+    fade = wp.constant(real(1.0 - FADE))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -104,6 +112,8 @@ def contact(precision: str, total: bool = False):
         borne = real(0.0)
         if grip[3] > real(0.0):
             borne = wp.max(wp.dot(normal, gone) + learn * depth, real(0.0))
+            if depth < real(0.0):
+                borne = fade * borne
         if depth + borne <= -reach or dt <= real(0.0):
             slip[n, p] = vec3()
             return
@@ -210,12 +220,37 @@ def tie(precision: str, total: bool = False):
     return kernel
 
 
+def _across(precision: str):
+    """Warp function: steps from a node to the one that a face half-way between both mirrors it to.
+
+    Zero where there is none, or where the body goes on inside.
+    """
+    t = types(precision)
+    real = t.real
+    along, off = wp.constant(real(1.0 - HALFWAY)), wp.constant(real(HALFWAY))
+
+    @wp.func
+    def across(grid: wp.array(dtype=t.vec4), i: int, nodes: wp.vec3i, normal: t.vec3, depth: real):
+        stride = int(0)
+        for axis in range(3):
+            if wp.abs(normal[axis]) > along:
+                step = wp.where(axis == 0, nodes[1] * nodes[2], wp.where(axis == 1, nodes[2], 1))
+                stride = wp.where(normal[axis] > real(0.0), step, -step)
+        halfway = wp.abs(depth - real(0.5)) < off
+        if stride == 0 or not halfway or grid[i - stride][3] > real(0.0):
+            return int(0)
+        return stride
+
+    return across
+
+
 @cache
 def bond(precision: str, total: bool = False):
     """Kernel that moves the nodes inside one tool with it, or those that were inside it at rest."""
     t = types(precision)
     real, vec3 = t.real, t.vec3
     far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+    across = _across(precision)
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -241,12 +276,27 @@ def bond(precision: str, total: bool = False):
         a = i / (nodes[1] * nodes[2])
         r = dx * vec3(real(a), real(b), real(c)) - place_rest[n]
         local = wp.transpose(turn_rest[n]) * r
-        if far(solid, local)[3] > real(0.0):
+        near = far(solid, local)
+        if near[3] > real(0.0):
             return
+        v = vec3(node[0], node[1], node[2])
         if wp.static(total):
+            out = vec3(near[0], near[1], near[2])
+            face = turn[n] * (local - near[3] * out)
+            j = i + across(grid, i, nodes, turn_rest[n] * out, -near[3] / dx)
+            if j != i:
+                other = grid[j]
+                u_face = speed[n] + wp.cross(spin[n], face)
+                off = v + vec3(other[0], other[1], other[2]) - real(2.0) * u_face
+                impulse = -(node[3] * other[3] / (node[3] + other[3])) * off
+                give(taken, n, face, real(-2.0) * impulse)
+                both = t.vec4(impulse[0], impulse[1], impulse[2], real(0.0))
+                grid[i] = node + both / node[3]
+                grid[j] = other + both / other[3]
+                return
             r = turn[n] * local
         u = speed[n] + wp.cross(spin[n], r)
-        give(taken, n, r, node[3] * (vec3(node[0], node[1], node[2]) - u))
+        give(taken, n, r, node[3] * (v - u))
         grid[i] = t.vec4(u[0], u[1], u[2], node[3])
 
     return kernel
