@@ -34,6 +34,21 @@ def test_limit_of_the_meshes():
     assert "MISSED" not in deformable.table(result)
 
 
+def test_a_part_of_the_bench(monkeypatch):
+    """What is left out is not identified."""
+    asked = []
+
+    def identified(case, folder):
+        asked.append(case)
+        return dict.fromkeys(("spacing", "E", "apparent"), float(len(asked))) | {"true": 1.0}
+
+    monkeypatch.setattr(deformable, "identified", identified)
+    assert deformable.run_deformable(only=("pre",))["kinds"].keys() == {"press"}
+    assert asked == [f"press-{mesh}" for mesh in deformable.MESHES]
+    with pytest.raises(ValueError, match="--only pour: choose from press, bend"):
+        deformable.run_deformable(only=("pour",))
+
+
 @pytest.mark.parametrize("kind", deformable.KINDS)
 def test_apparent_moduli_approach_the_true_one(kind):
     """Linear tetrahedra are too stiff, the less so the finer they are."""

@@ -138,7 +138,8 @@ def planned(
 ) -> tuple[Cases, dict[str, float]]:
     """Cases by name, and how many seconds each is expected to take.
 
-    The solver's own stress of a drawn specimen is looked at where ``only`` names the specimen.
+    The solver's own stress of a drawn specimen is looked at, at every step or in fewer frames, where
+    ``only`` names the specimen.
     """
     from form_drake.bench.probes_stress import by_rate, own_stress
 
@@ -156,10 +157,10 @@ def planned(
         add(f"noise/{name}/seeds{seeds}", reading * seeds, with_noise, scenario, made, seeds)
         if name in NAMED or any(name in part for part in only):
             add(f"own-stress/{name}", 2.0 * once, own_stress, scenario, made)
+            add(f"rate/{name}", 4.0 * once, by_rate, scenario, made)
     for name in NAMED:
         probe = name.split("_")[0]
         add(f"unseen/{name}", 2.0 * SECONDS[probe], unseen, name, ())
-        add(f"rate/{name}", 4.0 * SECONDS[probe], by_rate, name, ())
         for dx in SPACINGS[probe]:
             finer = SPACINGS[probe][0] / dx
             seconds = SECONDS[probe] * finer**FINER + READING[probe]

@@ -202,7 +202,7 @@ class Speed(Cases):
                     bar.update(done - bar.n)
 
                 return speed.run_speed(
-                    only=only or None,
+                    only=only,
                     particles=self.particles,
                     device=self.device,
                     progress=progress,
