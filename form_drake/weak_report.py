@@ -239,7 +239,11 @@ def _facts(rows: ProbeRows) -> list[list[str]]:
         ["rows used", f"{len(rows.measured)} of {len(probe.keep)}"],
         ["faces", "; ".join(faces)],
     ]
-    found += [[f"noise of the force on {k}", _si(f.noise, "N")] for k, f in probe.forces.items()]
+    for tool, force in probe.forces.items():
+        found.append([f"noise of the force on {tool}", _si(force.noise, "N")])
+        if force.fast is not None:
+            told = f"{100.0 * force.fast:.2g} % of its rms"
+            found.append([f"force on {tool} that swings faster than half the frame rate", told])
     return found
 
 

@@ -18,7 +18,7 @@ from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
-from form_drake.weak.force import measured
+from form_drake.weak.force import fast, measured
 from form_drake.weak.solve import Weights
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
@@ -331,6 +331,18 @@ def test_forces_may_be_stamped_late_for_others_to_find(exact, late):
         assert found.time == pytest.approx(forces[name].time - made.time[0])
         whole = inside[name].impulses(ends).sum(axis=1)  # of a force of one, over all of a window
         assert found.impulses(ends).sum(axis=1) == pytest.approx(whole, rel=1e-3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_how_much_of_a_force_frames_cannot_follow(noise):
+    time = np.arange(0.0, 2.0, 1e-3)
+    value = np.zeros((len(time), 3))
+    value[:, 0] = np.sin(2.0 * time) + 0.1 * np.sin(2.0 * np.pi * 58.6 * time)
+    swings = 0.1 / np.sqrt(2.0) / np.sqrt(np.mean(value**2) * 3.0)
+    value += np.random.default_rng(3).normal(0.0, 1.0, value.shape) * noise
+    assert fast(time, value, noise, 60.0) == pytest.approx(swings, rel=0.05)
+    assert fast(time, value, noise, 200.0) < 0.02
+    assert fast(time[::20], value[::20], noise, 60.0) is None
 
 
 @pytest.mark.parametrize(

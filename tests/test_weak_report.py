@@ -78,6 +78,13 @@ def test_rows_of_a_probe(answer):
     assert np.isfinite(rows.white).sum() == answer.rows
 
 
+def test_a_slow_force_is_followed_by_the_frames(answer, tmp_path):
+    (probe,) = answer.details["probes"]
+    assert 0.0 <= probe["force_too_fast"]["plate"] < 0.01
+    weak_report(answer, tmp_path / "slow.html")
+    assert "swings faster than half the frame rate" in (tmp_path / "slow.html").read_text()
+
+
 def test_curves_are_mean_forces(answer):
     (rows,) = probe_rows(answer.weak)
     ((name, curve),) = rows.curves().items()

@@ -194,6 +194,7 @@ def _described(probe: Probe) -> dict[str, object]:
         "window": float(np.diff(probe.windows.ends, axis=1).mean()),
         "fields": [n for f in probe.fields for n in f.names],
         "force_noise": {k: f.noise for k, f in probe.forces.items()},
+        "force_too_fast": {k: f.fast for k, f in probe.forces.items() if f.fast is not None},
     }
 
 

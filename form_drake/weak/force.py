@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 from scipy.stats import chi2
 
 from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
 from form_drake.weak.windows import bump, trapezoid
 
+SHORTEST = 64  # samples of a force of which swings are told
+SAMPLED = 0.5  # of the time between frames, longest between samples of it
 CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
@@ -20,11 +23,13 @@ class Force:
         time: stamps from the first frame on [s], shape [samples].
         value: f_T_W [N], shape [samples, 3].
         noise: standard deviation of one component [N], stated or estimated.
+        fast: share of its rms that swings faster than half the frame rate, see ``fast``.
     """
 
     time: np.ndarray
     value: np.ndarray
     noise: float
+    fast: float | None = None
 
     def impulses(self, ends: np.ndarray) -> np.ndarray:
         """Weights w with int chi f dt = w f, shape [windows, samples].
@@ -67,6 +72,33 @@ def jitter(stream: Stream) -> float:
     return float(np.sqrt(np.median(square) * 3.0 / chi2.ppf(0.5, 3)))
 
 
+def fast(time: np.ndarray, value: np.ndarray, noise: float, rate: float) -> float | None:
+    """Share of a force's rms that swings faster than frames can follow, its noise taken off.
+
+    Frames take motion of that kind for slow motion.
+
+    Args:
+        time: stamps [s], shape [samples].
+        value: [N], shape [samples, 3].
+        noise: of one component [N].
+        rate: of the frames [Hz].
+
+    Returns:
+        None where the force is sampled too coarsely to tell.
+    """
+    step = float(np.median(np.diff(time))) if len(time) > SHORTEST else np.inf
+    if step * rate > SAMPLED:
+        return None
+    even = np.arange(time[0], time[-1], step)
+    force = np.stack([np.interp(even, time, v) for v in np.transpose(value)])
+    swing = sosfiltfilt(butter(4, 0.5 * rate, "high", fs=1.0 / step, output="sos"), force)
+    heard = 3.0 * noise**2 * (1.0 - rate * step)
+    whole = np.sum(np.mean(force**2, axis=1)) - 3.0 * noise**2
+    if whole <= 0.0:
+        return None
+    return float(np.sqrt(max(np.sum(np.mean(swing**2, axis=1)) - heard, 0.0) / whole))
+
+
 def measured(recording: Recording, first: float, last: float) -> dict[str, Force]:
     """Forces of a recording on the clock of its frames; a clock that differs is for others to find.
 
@@ -85,5 +117,7 @@ def measured(recording: Recording, first: float, last: float) -> dict[str, Force
                 f" frames {first + start:.4g} to {last + start:.4g} s: the clocks must overlap"
             )
         spread = jitter(stream) if stream.noise is None else stream.noise
-        found[name] = Force(time, np.asarray(stream.value, dtype=float), spread)
+        value = np.asarray(stream.value, dtype=float)
+        share = fast(time, value, spread, 1.0 / float(np.median(np.diff(recording.time))))
+        found[name] = Force(time, value, spread, share)
     return found
