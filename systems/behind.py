@@ -19,8 +19,8 @@ from form_drake.workers import Newest
 
 
 def steps_between(rate: float, period: float) -> int:
-    """Steps of ``period`` [s] from one event to the next, that come at ``rate`` [Hz] or nearly."""
-    return max(round(1.0 / (rate * period)), 1)
+    """Steps of ``period`` [s] from one event to the next, that come at ``rate`` [Hz] or a little faster."""
+    return max(int(1.0 / (rate * period) + 1e-6), 1)
 
 
 def remembered(system: LeafSystem, name: str, made: Callable[[Context], Any]) -> CacheEntry:

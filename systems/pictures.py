@@ -62,7 +62,7 @@ def seen_by_cameras(scenario: Scenario) -> Scenario:
 
 
 def frames_a_second(particles: Recording) -> float:
-    """The rate of a simulation's frames [Hz]: that of the scenario, rounded to whole steps of its solver."""
+    """The rate of a simulation's frames [Hz]: that of the scenario or a little more, as its solver steps."""
     return 1.0 / float(np.median(np.diff(particles.time)))
 
 

@@ -31,7 +31,7 @@ from form_drake.weak.force import measured
 from form_drake.weak.windows import Windows, windows
 
 BLOCK = 25  # fewest frames that are integrated at once
-RATES = (30.0, 60.0, 100.0)  # of frames [Hz], to whole periods of the solver
+RATES = (30.0, 58.8, 60.0, 100.0)  # of frames [Hz], or a little more: whole periods of the solver
 PHASES = 4  # first frames, about
 AT_YIELD = 1e-3  # share below the yield stress that still counts as yielding
 # share of the volume that yields, at most in elastic and at least in yielded windows: layers at the
