@@ -59,14 +59,12 @@ class SpeckleCameras(_Cameras):
     Args:
         rig: the cameras.
         photographer: who renders.
-        chosen: indices of the particles that he knows.
         begin: time of frame 0 [s].
     """
 
-    def __init__(self, rig: Rig, photographer: Photographer, chosen: np.ndarray, begin: float):
+    def __init__(self, rig: Rig, photographer: Photographer, begin: float):
         super().__init__()
         self._rate, self._photographer, self._begin = rig.rate, photographer, begin
-        self._chosen = chosen
         self.DeclareAbstractInputPort("particles", Value[object](None))
         self._ports(rig)
 
@@ -78,8 +76,7 @@ class SpeckleCameras(_Cameras):
     def pair(self, context: Context) -> list[np.ndarray]:
         """As of the base."""
         frame = max(round((self.stamp(context) - self._begin) * self._rate), 0)
-        p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
-        return self._photographer.pair(frame, p_WQ)
+        return self._photographer.pair(frame, self.get_input_port().Eval(context).p_WQ)
 
 
 class PictureFiles(_Cameras):

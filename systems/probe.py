@@ -131,7 +131,7 @@ def _seen(
     chosen = tracked(scenario, station)
     header = _header(scenario, station, chosen)
     if seen:
-        return add_cameras(builder, scenario, station, chosen, header, motion.end_time(), meshcat)
+        return add_cameras(builder, scenario, station, header, motion.end_time(), meshcat)
     tracks = ParticleTracks(chosen, measure.noise, measure.seed, measure.rate)
     builder.AddNamedSystem("tracks", tracks)
     particles = station.diagram.GetOutputPort("material.particles")

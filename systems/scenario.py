@@ -125,7 +125,7 @@ class Measurement:
     """What is recorded.
 
     Attributes:
-        rate: of the tracked points [Hz].
+        rate: of the tracked points [Hz], or a little faster: whole periods of the solver.
         points: how many particles are tracked; 0: all.
         noise: standard deviation of a coordinate [m].
         seed: of the choice of points and of their noise.
@@ -156,7 +156,7 @@ class StereoPair:
         baseline: between the cameras [m].
         distortion: of both lenses, k1 k2 p1 p2 k3.
         turned_deg: by how much the right camera is turned about its axes from its calibration [deg].
-        rate: of the pictures [Hz].
+        rate: of the pictures [Hz], or a little faster: whole periods of the solver.
         half: pixels from a point to the rim of what is compared.
         spacing: of the points [m]; None: chosen.
         speckle: radius of the speckle's discs [px].

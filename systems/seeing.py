@@ -1,6 +1,5 @@
 """Two cameras beside a station, and who follows points in their pictures."""
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 
@@ -18,7 +17,6 @@ def add_cameras(
     builder: DiagramBuilder,
     scenario: Scenario,
     station: Station,
-    chosen: np.ndarray,
     header: Recording,
     duration: float,
     meshcat: Meshcat | None = None,
@@ -29,7 +27,6 @@ def add_cameras(
         builder: that holds the station's diagram.
         scenario: of the station.
         station: whose specimen is seen.
-        chosen: indices of the particles that the cameras' pictures are made of.
         header: what is known before the probe.
         duration: of the probe [s].
         meshcat: that shows the points.
@@ -41,9 +38,9 @@ def add_cameras(
     every = steps_between(scenario.stereo.rate, solver.period)
     rig = rig_of(scenario, 1.0 / (every * solver.period))
     frames = 1 + int((duration - solver.settle) * rig.rate + 1e-6)
-    rest = station.material.scene.rest[chosen]
+    rest = station.material.scene.rest
     photographer = Photographer(scenario, rig, rest, frames, solver.device)
-    cameras = SpeckleCameras(rig, photographer, chosen, solver.settle)
+    cameras = SpeckleCameras(rig, photographer, solver.settle)
     tracker = Tracker(rig, period=solver.period, begin=solver.settle, device=solver.device)
     builder.AddNamedSystem("cameras", cameras)
     builder.AddNamedSystem("tracks", tracker)

@@ -363,6 +363,7 @@ def test_no_declared_law_lists_the_laws(capsys, files, here):
         (("check", "notes.txt"), "notes.txt: no such file"),
         (("demo", "--seed", "-1"), "--seed: a whole number from 0"),
         (("bench", "table2", "--data", "nowhere"), "nowhere: no such folder"),
+        (("bench", "speed", "--only", "nothing"), "unknown case 'nothing': choose from mls"),
     ],
 )
 def test_wrong_commands_are_refused(capsys, here, arguments, message):

@@ -94,7 +94,7 @@ def connected(cameras, tracker, rig, *before):
 def diagram(scenario, rig, **options):
     rest = stretched(scenario, 0.0)[0]
     photographer = Photographer(scenario, rig, rest, FRAMES)
-    cameras = SpeckleCameras(rig, photographer, np.arange(len(rest)), 0.0)
+    cameras = SpeckleCameras(rig, photographer, 0.0)
     tracker = Tracker(rig, period=PERIOD, **options)
     return connected(cameras, tracker, rig, Stretching(scenario)), tracker
 

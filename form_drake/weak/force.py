@@ -23,7 +23,7 @@ class Force:
         time: stamps from the first frame on [s], shape [samples].
         value: f_T_W [N], shape [samples, 3].
         noise: standard deviation of one component [N], stated or estimated.
-        fast: share of its rms that swings faster than half the frame rate, see ``fast``.
+        fast: share of its rms that swings faster than half the frame rate; None: not known.
     """
 
     time: np.ndarray
