@@ -8,7 +8,7 @@ import pytest
 from form_drake import Recording, Stream, identify
 from form_drake.bench.oracles import recorded, run
 from form_drake.files import read_mapping
-from form_drake.interior import Resistance, Seen
+from form_drake.interior import Path, Resistance, Seen, friction_of
 from form_drake.interior.resistance import Past
 from form_drake.interior.rub import Rub, Rubbed
 from form_drake.laws import law_named
@@ -72,7 +72,7 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     material = Material(law, {"mu": 1e4 * mu, "lam": 1e4 * lame, "tau_y": 1e9})
     resistance = Resistance.of(material)
     looked = Seen.of(made, body(made))
-    fit = looked.fit(resistance)
+    fit = Path.of(looked, resistance).fit()
     inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     wanted = np.stack([inside + stretched(inside, f) for f in lam])
@@ -80,7 +80,7 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     off = motion.F[-1] - np.diag([0.8**-POISSON, 0.8**-POISSON, 0.8])
     assert np.sqrt(np.mean(off**2)) < 6e-4
     # the plate pushes as it must: points that weigh next to nothing need not hold the block down
-    fit = replace(looked, sd=100.0 * NOISE).fit(resistance)
+    fit = Path.of(replace(looked, sd=100.0 * NOISE), resistance).fit()
     motion = Sampling.of(fit, np.linspace(0.0, 1.0, 12), inside, np.ones(200), 1.0).motion(fit.c)
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
@@ -96,7 +96,7 @@ def test_windows_in_which_a_body_stands_still_count_once():
         contact={"z-": "frictionless floor", "other": "free"},
         p_reference=X,
     )
-    fit = Seen.of(made, body(made)).fit(Resistance.plain(POISSON))
+    fit = Path.of(Seen.of(made, body(made)), Resistance.plain(POISSON)).fit()
     begin = np.arange(0.0, 0.9, 0.05)
     ends = np.stack([begin, begin + 0.1], axis=1)
     middle = told_apart(ends, made, fit).mean(axis=1)
@@ -139,7 +139,7 @@ def test_a_body_that_sags_is_found_free_of_stress():
     )
     values = {"mu": E / 2.6, "lam": E * 0.3 / (1.3 * 0.4)}
     resistance = Resistance.of(Material(law_named("fixed-corotated"), values))
-    fit = Seen.of(made, body(made)).fit(resistance)
+    fit = Path.of(Seen.of(made, body(made)), resistance).fit()
     motion = Sampling.of(fit, np.array([0.5]), X, np.ones(len(X)), 1.0).motion(fit.c)
     size = np.abs(sag).max()
     off = motion.x[0] - first  # no frame shows it
@@ -219,7 +219,7 @@ def test_a_face_that_is_stated_bonded_and_slides_freely_has_no_friction():
     X = on_face(0, 1, 60)
     u = np.stack([stretched(X, f) for f in np.linspace(1.0, 0.9, 8)])
     made = block(u, X, face=1, contact={"z-": "bonded floor", "other": "free"}, p_reference=X)
-    assert Seen.of(made, body(made)).friction(Resistance.plain(POISSON)) < 0.02
+    assert friction_of(Seen.of(made, body(made)), Resistance.plain(POISSON)) < 0.02
 
 
 def test_one_face_of_a_pressed_block_gives_stiffness_and_yield(tmp_path):

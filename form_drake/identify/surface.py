@@ -13,7 +13,7 @@ import numpy as np
 
 from form_drake.identify.options import Reader
 from form_drake.identify.solve import Identification
-from form_drake.interior import Resistance, Seen, stands
+from form_drake.interior import Path, Resistance, Seen, stands
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.motion import Body, Fit, body
@@ -56,7 +56,7 @@ def balanced_inside(
     def surface(n: int, symmetric: bool) -> Seen:
         return Seen.of(recordings[n], body(recordings[n]), symmetric=symmetric)
 
-    rubbed: dict[tuple[int, bool], float] = {}
+    paths: dict[tuple[int, bool], Path] = {}
 
     def reader(resistance: Resistance) -> Reader:
         again = len(answers) <= RUBBED
@@ -66,9 +66,10 @@ def balanced_inside(
             if not recording.on_surface:
                 return throughout(n, symmetric)
             seen = surface(n, symmetric)
-            if again or (n, symmetric) not in rubbed:
-                rubbed[n, symmetric] = seen.friction(resistance)
-            return seen.body, seen.fit(resistance, rubbed[n, symmetric])
+            before = None if again else paths.get((n, symmetric))
+            path = Path.of(seen, resistance, before.friction if before else None)
+            paths[n, symmetric] = path
+            return seen.body, path.fit()
 
         return read
 
@@ -87,7 +88,7 @@ def balanced_inside(
         "passes_inside": len(answers),
         "settled_inside": settled,
         "before_law_inside": first,
-        "friction": [None if np.isinf(mu) else mu for mu in rubbed.values()],
+        "friction": [None if np.isinf(path.friction) else path.friction for path in paths.values()],
     }
     last = answers[-1]
     return replace(last, details={**last.details, **told}, seconds=sum(a.seconds for a in answers))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from form_drake.interior.path import Path
 from form_drake.interior.resistance import Resistance
 from form_drake.interior.surface import Seen
 from form_drake.material import Material
@@ -61,7 +62,7 @@ def inside(
     if recording.on_surface:
         nu = recording.known.get("nu")
         law = Resistance.plain(nu) if material is None else Resistance.of(material)
-        fit = Seen.of(recording, shape).fit(law)
+        fit = Path.of(Seen.of(recording, shape), law).fit()
     else:
         fit = fit_tracks(recording, shape)
     last = float(recording.time[-1] - recording.time[0])

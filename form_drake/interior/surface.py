@@ -1,21 +1,14 @@
 """The motion of a whole body from points on its surface, with the covariance of what is not seen."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from form_drake.interior.faces import Hold, holds
 from form_drake.interior.knots import chosen_cells
-from form_drake.interior.resistance import Resistance
-from form_drake.interior.statics import Held, Rows, Statics
-from form_drake.motion import Body, Fit
+from form_drake.motion import Body
 from form_drake.motion.drift import centred
-from form_drake.motion.fit import unfollowed
-from form_drake.motion.knots import chosen_time
-from form_drake.motion.smoothing import Smoothing, Spread
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
@@ -103,43 +96,6 @@ class Seen:
         """Whitened displacements [m], shape of u."""
         return np.einsum("pij,fpj->fpi", self.whitening, self.u, optimize=True)
 
-    def friction(self, resistance: Resistance) -> float:
-        """Coulomb's coefficient under bonded faces; infinite where they stick.
-
-        With it, balance alone comes nearest to the points, on the way to the largest displacement.
-        """
-        if not any(hold.face.condition == "bonded" for hold in self.holds):
-            return 0.0
-        statics, seen = self._statics(resistance)
-        return _friction(statics, seen)
-
-    def fit(self, resistance: Resistance, friction: float | None = None) -> Fit:
-        """The motion of the whole body, as far as its material is known.
-
-        Args:
-            resistance: of the material.
-            friction: of bonded faces; None: as ``friction`` finds it.
-
-        Raises:
-            ValueError: no motion inside passes through the points.
-        """
-        friction = self.friction(resistance) if friction is None else friction
-        statics, seen = self._statics(resistance)
-        frames = _frames(statics, seen, friction)
-        lost = sum(not frame.settled for frame in frames)
-        if lost > UNSETTLED * len(frames):
-            raise ValueError(
-                f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
-                f" {resistance.law.name} and passes through the points of its surface: are the faces held"
-                " as the recording states?"
-            )
-        return _fit(statics, seen, frames)
-
-    def _statics(self, resistance: Resistance) -> tuple[Statics, "Seen"]:
-        """Of the material, and what is seen from where it is free of stress."""
-        statics = Statics(self.space, self.body, resistance, self.force)
-        return statics, _sunk(statics, self) if self.bent and resistance.weighs else self
-
 
 def _covered(recording: Recording, symmetry: Symmetry) -> None:
     """Refuse a body of which one side is never seen, and not stated to be as the other."""
@@ -159,112 +115,3 @@ def _whitening(recording: Recording, used: np.ndarray, noise: float) -> np.ndarr
         return np.tile(np.eye(3), (int(used.sum()), 1, 1))
     size, axes = np.linalg.eigh(recording.covariance[used])
     return np.asarray((axes * (noise / np.sqrt(size))[:, None]) @ axes.swapaxes(1, 2))
-
-
-def _frames(statics: Statics, seen: Seen, friction: float) -> list[Held]:
-    """Every frame after the one before it."""
-    D = seen.whitening @ statics.values(seen.X)
-    own = [hold.grip(statics, friction) for hold in seen.holds]
-    last, found = statics.rest, []
-    for n, valid in enumerate(seen.valid):
-        rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
-        last = statics.held(rows, [grip for hold in own if (grip := hold(n))], last)
-        found.append(last)
-    return found
-
-
-def _few(seen: Seen) -> Seen:
-    """Frames on the way to the largest displacement that stand for all."""
-    size = np.linalg.norm(seen.u, axis=(1, 2))
-    steps = np.linspace(0.0, size.max(), LOOKS + 1)[1:]
-    looks = np.unique([int(np.argmax(size >= step)) for step in steps])
-    holds = tuple(hold.at(looks) for hold in seen.holds)
-    return replace(seen, u=seen.u[looks], valid=seen.valid[looks], holds=holds)
-
-
-def _friction(statics: Statics, seen: Seen) -> float:
-    few = _few(seen)
-    D = seen.whitening @ statics.values(seen.X)
-
-    def off(friction: float) -> float:
-        frames = _frames(statics, few, friction)
-        rest = [(few.white[n] - D @ f.alone)[few.valid[n]] for n, f in enumerate(frames)]
-        return float(sum(np.log(np.mean(r**2)) for r in rest if len(r)))
-
-    sticking = off(np.inf)
-    sliding, friction = _least(off, FRICTIONS)
-    return np.inf if sticking <= sliding + len(few.u) * np.log(SLIDES) else friction
-
-
-def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
-    """The least value at four even places, and where a parabola through it and its neighbours is least.
-
-    There is one least value: on the far side of the greater of the inner two none is looked for.
-    """
-    inner = function(places[1]), function(places[2])
-    k = 1 if inner[0] <= inner[1] else 2
-    outer = function(places[0 if k == 1 else 3])
-    left, here, right = (outer, *inner) if k == 1 else (*inner, outer)
-    bend, step = left - 2.0 * here + right, places[1] - places[0]
-    shift = 0.5 * (left - right) / bend if bend > 0.0 else float(np.sign(left - right))
-    least = float(np.clip(places[k] + step * shift, places[0], places[-1]))
-    return min(left, here, right), least
-
-
-def _sunk(statics: Statics, seen: Seen) -> Seen:
-    """Points where they were before the weight had moved them to where they are seen first."""
-    size = float(np.max(statics.body.high - statics.body.low))
-    x, X = seen.X, seen.X
-    rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
-    own = [hold.grip(statics, np.inf)(0) for hold in seen.holds]
-    y = statics.held(rows, [grip for grip in own if grip], statics.rest).y
-    for _ in range(SAGS):
-        X = x - statics.values(X) @ y
-    return replace(seen, X=X, u=seen.u + (x - X))
-
-
-def _fit(statics: Statics, seen: Seen, frames: list[Held]) -> Fit:
-    """Splines in time through the frames, and their covariance.
-
-    What the surface shows of the coefficients is as uncertain as its points. What it does not show is
-    what the balance makes it, and as uncertain as that: by how much points had to pull at it, in each
-    frame, beyond what their noise does, is told by what they show.
-    """
-    looks = frames[:: max(1, len(frames) // LOOKS)]
-    stiffness = np.mean([f.stiffness for f in looks], axis=0)
-    normal = np.mean([f.rows.normal for f in looks], axis=0)
-    factor = np.linalg.cholesky(normal + 0.5 * (stiffness + stiffness.T))
-    half = solve_triangular(factor, normal, lower=True)
-    told, turn = np.linalg.eigh(solve_triangular(factor, half.T, lower=True))
-    told = np.clip(told, 0.0, 1.0)
-    root = solve_triangular(factor, turn, lower=True, trans="T") / seen.sd
-    z = np.array([seen.sd * (turn.T @ (factor.T @ f.y)) for f in frames])
-    pulls = turn.T @ solve_triangular(factor, np.array([f.pull for f in frames]).T, lower=True)
-    by_noise = (seen.noise / seen.sd) ** 2 * np.sum(told * (1.0 - told) ** 2)
-    beyond = np.maximum(np.sum(pulls**2, axis=0) - by_noise, 0.0)
-    doubt = np.sqrt(beyond / np.sum(told**2 * (1.0 - told)))
-    splines = chosen_time(seen.time, z, seen.noise)
-    Q, R = np.linalg.qr(splines.matrix(seen.time))
-    back = np.linalg.inv(R)
-    D = (seen.whitening @ statics.values(seen.X)).reshape(-1, len(z[0]))
-    follows = ((Q @ (Q.T @ z)) @ root.T @ D.T).reshape(seen.u.shape)
-    rest = np.where(seen.valid[..., None], seen.white - follows, 0.0)
-    freedom = max(1.0 - told.sum() / len(D), SHOWN)
-    spread = (
-        Spread(np.sqrt(told)[:, None], seen.noise * back),
-        Spread(np.sqrt(told)[:, None], back @ Q.T @ unfollowed(rest, seen.noise, freedom)),
-    )
-    unseen = Spread(np.sqrt(1.0 - told)[:, None], back @ Q.T @ (seen.sd * doubt)[:, None])
-    return Fit(
-        space=statics.space,
-        time=splines,
-        c=statics.space.tied(root @ (Q.T @ z).T @ back.T),
-        noise=seen.noise,
-        misfit=float(np.sqrt(np.mean(rest[seen.valid] ** 2) / freedom)),
-        held_out=seen.sd,
-        roots=(root,),
-        spread=spread,
-        smoothing=Smoothing.none(len(told)),
-        response=spread,
-        doubt=(unseen,),
-    )

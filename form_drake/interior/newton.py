@@ -1,0 +1,160 @@
+"""Newton's steps to where a body balances in a frame.
+
+The slope of the law, plastic flow included, is that where the frame before has settled, and is taken afresh
+wherever this leads on too slowly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.interior.statics import Forces, Grip, Held, Rows, Statics
+
+ROUNDS = 60
+FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
+CLOSE = 3e-5  # change of a deformation gradient in a step, below which it is the last
+LONGEST = 0.2  # change of a deformation gradient in a step
+SLOW = 0.5  # of a step that the next may be with a slope from elsewhere
+
+
+def balanced(statics: Statics, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
+    """The frame after ``last``.
+
+    Args:
+        statics: of the body.
+        rows: of what is seen.
+        grips: of the tools.
+        last: the frame before.
+
+    Raises:
+        ValueError: no motion passes through what is seen without folding the body.
+    """
+    frame = _Frame.of(statics, rows, grips, last)
+    at = [last.y + last.ahead, last.alone + last.ahead][: len(frame.kept)]
+    push = frame.B @ (frame.B.T @ last.push)
+    slopes, shares = [last.slope] * len(at), [1.0] * len(at)
+    strains = [np.inf] * len(at)
+    for _ in range(ROUNDS):
+        found = [statics.forces(y, grips, last) for y in at]
+        before = strains
+        steps, strains = frame.steps(at, push, found, slopes)
+        slow = [s > SLOW * b for s, b in zip(strains, before, strict=True)]
+        if any(slow):
+            slopes = frame.afresh(at, slopes, slow)
+            steps, strains = frame.steps(at, push, found, slopes)
+        shares = [_damped(*each) for each in zip(shares, strains, before, strict=True)]
+        taken = [
+            d * min(1.0, LONGEST / max(s, LONGEST)) for d, s in zip(shares, strains, strict=True)
+        ]
+        at = [y + share * step for y, share, step in zip(at, taken, steps[:-1], strict=True)]
+        push = push + min(taken) * steps[-1]
+        if max(strains) < CLOSE:
+            break
+    return frame.settled(at, push, found[0], max(strains) < CLOSE)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What does not change while a frame is sought.
+
+    Attributes:
+        kept: rows that hold the body as it is seen and, where tools push as they like, as balance alone
+            would have it.
+        B: directions of those pushes, orthonormal, shape [size, pushes].
+    """
+
+    statics: Statics
+    grips: Sequence[Grip]
+    last: Held
+    kept: tuple[Rows, ...]
+    B: np.ndarray
+
+    @classmethod
+    def of(cls, statics: Statics, rows: Rows, grips: Sequence[Grip], last: Held) -> "_Frame":
+        size = statics.space.size
+        own = sum((grip.rows for grip in grips), Rows.none(size))
+        B = np.concatenate([np.zeros((size, 0)), *(grip.pushes for grip in grips)], axis=1)
+        kept = (own + rows, own + rows * FLOAT)
+        return cls(statics, grips, last, kept if B.shape[1] else kept[:1], B)
+
+    def steps(
+        self,
+        at: list[np.ndarray],
+        push: np.ndarray,
+        found: list[Forces],
+        slopes: list[np.ndarray],
+    ) -> tuple[list[np.ndarray], list[float]]:
+        """Steps of the states and of the push, and the largest change of strain that each state makes."""
+        equations = [
+            (
+                rows.normal + slope + forces.rubbing,
+                rows.right - rows.normal @ y - forces.left + push,
+            )
+            for rows, slope, forces, y in zip(self.kept, slopes, found, at, strict=True)
+        ]
+        if len(at) == 1:
+            steps = [np.linalg.solve(*equations[0]), np.zeros_like(push)]
+        else:
+            steps = _together(equations[0], equations[1], self.B, self.B.T @ (at[1] - at[0]))
+        strains = [float(np.abs(self.statics.strains(step)).max()) for step in steps[:-1]]
+        if not np.isfinite(strains).all():
+            raise ValueError("no motion inside the body passes through the points of its surface")
+        return steps, strains
+
+    def afresh(
+        self, at: list[np.ndarray], slopes: list[np.ndarray], slow: list[bool]
+    ) -> list[np.ndarray]:
+        """Slopes of the states that are slow."""
+        return [
+            self.statics.slope(y, self.last.past) if again else slope
+            for y, slope, again in zip(at, slopes, slow, strict=True)
+        ]
+
+    def settled(self, at: list[np.ndarray], push: np.ndarray, found: Forces, close: bool) -> Held:
+        """The frame, once it has come to ``at``."""
+        y, last = at[0], self.last
+        slope = self.statics.slope(y, last.past)
+        stiffness = slope + found.rubbing
+        rubs = [(grip.rub, grip.force(y, push)) for grip in self.grips if grip.rub]
+        return Held(
+            y=y,
+            alone=at[-1],
+            push=push,
+            rows=self.kept[0],
+            past=found.past,
+            slope=slope,
+            stiffness=stiffness - _borne(self.B, self.kept[-1].normal + stiffness),
+            pull=found.left - push,
+            settled=close,
+            rubbed={rub.face: rub.after(found.rubs[rub.face], held) for rub, held in rubs},
+            ahead=y - last.y,
+        )
+
+
+Equation = tuple[np.ndarray, np.ndarray]
+
+
+def _damped(share: float, strain: float, before: float) -> float:
+    """The share of a step to take: half of the last one where that has not led as far as it should."""
+    return 0.5 * share if strain > (1.0 - 0.5 * share) * before else min(1.0, 1.2 * share)
+
+
+def _together(one: Equation, other: Equation, B: np.ndarray, apart: np.ndarray) -> list[np.ndarray]:
+    """Steps of two states, and of the push on both that brings them together along B."""
+    (A, a), (C, c) = one, other
+    size = len(a)
+    like = float(np.trace(A)) / size  # so that all entries are alike in size
+    B, apart = like * B, like * apart
+    none = np.zeros_like(A)
+    corner = np.zeros((B.shape[1],) * 2)
+    whole = np.block([[A, none, -B], [none, C, -B], [B.T, -B.T, corner]])
+    found = np.linalg.solve(whole, np.concatenate([a, c, apart]))
+    return [found[:size], found[size : 2 * size], B @ found[2 * size :]]
+
+
+def _borne(B: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """The stiffness that pushes along B take over, shape [size, size]."""
+    if not B.shape[1]:
+        return np.zeros_like(K)
+    return np.asarray(B @ np.linalg.solve(B.T @ np.linalg.solve(K, B), B.T))

@@ -1,0 +1,196 @@
+"""The way of a body through all frames, each in balance after the one before it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from form_drake.interior.newton import balanced
+from form_drake.interior.resistance import Resistance
+from form_drake.interior.statics import Held, Rows, Statics
+from form_drake.interior.surface import Seen
+from form_drake.motion import Fit
+from form_drake.motion.fit import unfollowed
+from form_drake.motion.knots import chosen_time
+from form_drake.motion.smoothing import Smoothing, Spread
+
+LOOKS = 12  # frames that stand for all, where not each is needed
+SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
+FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
+SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
+UNSETTLED = 0.1  # share of the frames that may not settle
+SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
+
+
+@dataclass(frozen=True)
+class Path:
+    """All frames of a body.
+
+    Attributes:
+        statics: of its material.
+        seen: points that are seen, from where it is free of stress.
+        friction: Coulomb's coefficient under bonded faces; infinite: they stick.
+        frames: coefficients of the displacements in each.
+    """
+
+    statics: Statics
+    seen: Seen
+    friction: float
+    frames: list[Held]
+
+    @classmethod
+    def of(
+        cls,
+        seen: Seen,
+        resistance: Resistance,
+        friction: float | None = None,
+    ) -> "Path":
+        """That of a material, as far as it is known.
+
+        Args:
+            seen: what is seen of the body.
+            resistance: of the material.
+            friction: as of ``Path``; None: as ``friction_of`` finds it.
+
+        Raises:
+            ValueError: no motion inside passes through the points.
+        """
+        friction = friction_of(seen, resistance) if friction is None else friction
+        statics, free = _from_rest(seen, resistance)
+        frames = _frames(statics, free, friction)
+        lost = sum(not frame.settled for frame in frames)
+        if lost > UNSETTLED * len(frames):
+            raise ValueError(
+                f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
+                f" {resistance.law.name} and passes through the points of its surface: are the faces held"
+                " as the recording states?"
+            )
+        return cls(statics, free, friction, frames)
+
+    def fit(self) -> Fit:
+        """The motion: splines in time through the frames, and their covariance.
+
+        What the surface shows of the coefficients is as uncertain as its points. What it does not show is
+        what the balance makes it, and as uncertain as that: by how much points had to pull at it, in each
+        frame, beyond what their noise does, is told by what they show.
+        """
+        statics, seen, frames = self.statics, self.seen, self.frames
+        looks = frames[:: max(1, len(frames) // LOOKS)]
+        stiffness = np.mean([f.stiffness for f in looks], axis=0)
+        normal = np.mean([f.rows.normal for f in looks], axis=0)
+        factor = np.linalg.cholesky(normal + 0.5 * (stiffness + stiffness.T))
+        half = solve_triangular(factor, normal, lower=True)
+        told, turn = np.linalg.eigh(solve_triangular(factor, half.T, lower=True))
+        told = np.clip(told, 0.0, 1.0)
+        root = solve_triangular(factor, turn, lower=True, trans="T") / seen.sd
+        z = np.array([seen.sd * (turn.T @ (factor.T @ f.y)) for f in frames])
+        pulls = turn.T @ solve_triangular(factor, np.array([f.pull for f in frames]).T, lower=True)
+        by_noise = (seen.noise / seen.sd) ** 2 * np.sum(told * (1.0 - told) ** 2)
+        beyond = np.maximum(np.sum(pulls**2, axis=0) - by_noise, 0.0)
+        doubt = np.sqrt(beyond / np.sum(told**2 * (1.0 - told)))
+        splines = chosen_time(seen.time, z, seen.noise)
+        Q, R = np.linalg.qr(splines.matrix(seen.time))
+        back = np.linalg.inv(R)
+        D = (seen.whitening @ statics.values(seen.X)).reshape(-1, len(z[0]))
+        follows = ((Q @ (Q.T @ z)) @ root.T @ D.T).reshape(seen.u.shape)
+        rest = np.where(seen.valid[..., None], seen.white - follows, 0.0)
+        freedom = max(1.0 - told.sum() / len(D), SHOWN)
+        spread = (
+            Spread(np.sqrt(told)[:, None], seen.noise * back),
+            Spread(np.sqrt(told)[:, None], back @ Q.T @ unfollowed(rest, seen.noise, freedom)),
+        )
+        unseen = Spread(np.sqrt(1.0 - told)[:, None], back @ Q.T @ (seen.sd * doubt)[:, None])
+        return Fit(
+            space=statics.space,
+            time=splines,
+            c=statics.space.tied(root @ (Q.T @ z).T @ back.T),
+            noise=seen.noise,
+            misfit=float(np.sqrt(np.mean(rest[seen.valid] ** 2) / freedom)),
+            held_out=seen.sd,
+            roots=(root,),
+            spread=spread,
+            smoothing=Smoothing.none(len(told)),
+            response=spread,
+            doubt=(unseen,),
+        )
+
+
+def friction_of(seen: Seen, resistance: Resistance) -> float:
+    """Coulomb's coefficient under bonded faces; infinite where they stick.
+
+    With it, balance alone comes nearest to the points, on the way to the largest displacement.
+
+    Args:
+        seen: what is seen of the body.
+        resistance: of its material.
+    """
+    if not any(hold.face.condition == "bonded" for hold in seen.holds):
+        return 0.0
+    statics, free = _from_rest(seen, resistance)
+    looks = _looks(free)
+    holds = tuple(hold.at(looks) for hold in free.holds)
+    few = replace(free, u=free.u[looks], valid=free.valid[looks], holds=holds)
+    D = free.whitening @ statics.values(free.X)
+
+    def off(friction: float) -> float:
+        frames = _frames(statics, few, friction)
+        rest = [(few.white[n] - D @ f.alone)[few.valid[n]] for n, f in enumerate(frames)]
+        return float(sum(np.log(np.mean(r**2)) for r in rest if len(r)))
+
+    sticking = off(np.inf)
+    sliding, friction = _least(off, FRICTIONS)
+    return np.inf if sticking <= sliding + len(few.u) * np.log(SLIDES) else friction
+
+
+def _looks(seen: Seen) -> np.ndarray:
+    """Frames on the way to the largest displacement that stand for all."""
+    size = np.linalg.norm(seen.u, axis=(1, 2))
+    steps = np.linspace(0.0, size.max(), LOOKS + 1)[1:]
+    return np.unique([int(np.argmax(size >= step)) for step in steps])
+
+
+def _frames(statics: Statics, seen: Seen, friction: float) -> list[Held]:
+    """Every frame after the one before it."""
+    D = seen.whitening @ statics.values(seen.X)
+    own = [hold.grip(statics, friction) for hold in seen.holds]
+    last, found = statics.rest, []
+    for n, valid in enumerate(seen.valid):
+        rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
+        grips = [grip for hold in own if (grip := hold(n))]
+        last = balanced(statics, rows, grips, last)
+        found.append(last)
+    return found
+
+
+def _from_rest(seen: Seen, resistance: Resistance) -> tuple[Statics, Seen]:
+    """A body of the material, and what is seen from where it is free of stress."""
+    statics = Statics(seen.space, seen.body, resistance, seen.force)
+    return statics, _sunk(statics, seen) if seen.bent and resistance.weighs else seen
+
+
+def _sunk(statics: Statics, seen: Seen) -> Seen:
+    """Points where they were before the weight had moved them to where they are seen first."""
+    size = float(np.max(statics.body.high - statics.body.low))
+    x, X = seen.X, seen.X
+    rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
+    own = [hold.grip(statics, np.inf)(0) for hold in seen.holds]
+    y = balanced(statics, rows, [grip for grip in own if grip], statics.rest).y
+    for _ in range(SAGS):
+        X = x - statics.values(X) @ y
+    return replace(seen, X=X, u=seen.u + (x - X))
+
+
+def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
+    """The least value at four even places, and where a parabola through it and its neighbours is least.
+
+    There is one least value: on the far side of the greater of the inner two none is looked for.
+    """
+    inner = function(places[1]), function(places[2])
+    k = 1 if inner[0] <= inner[1] else 2
+    outer = function(places[0 if k == 1 else 3])
+    left, here, right = (outer, *inner) if k == 1 else (*inner, outer)
+    bend, step = left - 2.0 * here + right, places[1] - places[0]
+    shift = 0.5 * (left - right) / bend if bend > 0.0 else float(np.sign(left - right))
+    least = float(np.clip(places[k] + step * shift, places[0], places[-1]))
+    return min(left, here, right), least
