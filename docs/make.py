@@ -116,6 +116,8 @@ API = {
         "form_drake.interior.inside",
         "form_drake.interior.Inside",
         "form_drake.interior.Seen",
+        "form_drake.interior.Path",
+        "form_drake.interior.friction_of",
         "form_drake.interior.Resistance",
     ),
     "Effects": (

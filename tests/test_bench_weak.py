@@ -123,5 +123,12 @@ def test_summary_and_tables_show_every_kind():
         "time/press-b": {**size, "assembly_seconds": 0.5, "identification_seconds": 10.0},
     }
     text = weak_form.table({"cases": cases, "goals": weak_form.GOALS})
-    assert text.count("MISSED") == 1 and text.count(" met") == 3
+    assert text.count("MISSED") == 2 and text.count(" met") == 3
+    assert "of all 3 values hold the truth in 67% (goal 80% to 98%)  MISSED" in text
     assert "20 times as much" in text and "67%" in text
+    off = {**found, "median": {"E": 2.1}}
+    noisier = {
+        f"noise/{law}/1/seeds3": {"seeds": 3, "gls": off, "ols": off} for law in ("gent", "yeoh")
+    }
+    text = weak_form.table({"cases": noisier, "goals": weak_form.GOALS})
+    assert "gls, 1 %: median at most 2  MISSED: gent E, yeoh E" in text

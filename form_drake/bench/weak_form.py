@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.bench.oracles import FINITE, ORACLES, Motions, laboratory_noise, relative_noise
+from form_drake.bench.weak_form_tables import ESTIMATORS, GOALS, table
 from form_drake.identify import (
     Estimator,
     Identification,
@@ -27,6 +28,7 @@ from form_drake.identify import (
 )
 from form_drake.records import Recording
 
+__all__ = ["planned", "run_weak_form", "table"]
 MODES = ("uniaxial", "biaxial", "shear")
 FIXED = ("nu",)  # stated in the recordings of those materials that have it
 HOMOGENEOUS = ("mooney-rivlin", "yeoh", "gent")
@@ -55,21 +57,10 @@ SECONDS = {
 OTHER_SECONDS = 0.6  # of one identification by both estimators
 SOLVING = {"press": 45.0, "bend": 30.0}  # seconds of the finite elements
 LEVELS = (0.3, 1.0, 3.0)  # percent of the rms of what is measured
-ESTIMATORS: tuple[Estimator, ...] = ("gls", "ols")
 DRAWS = 2  # in the studies of noise
 SEEDS = 20
 ROWS = 2000  # where time is measured
 Z90 = 1.6449
-GOALS = {  # largest error [percent]
-    "exact": 0.5,
-    "fe": 0.5,
-    "fe-noise": {
-        "press-a": {"E": 3.0, "tau_y": 2.0},
-        "press-b": {"E": 1.5, "tau_y": 1.5},
-        "bend-touching-a": {"E": 1.5},
-        "bend-touching-b": {"E": 1.5},
-    },
-}
 Disturb = Callable[[Recording, np.random.Generator], Recording]
 
 
@@ -213,102 +204,3 @@ def planned(
             run = partial(noisy, motions, made, disturb, ESTIMATORS, seeds)
             add(f"noise/{law}/{level:g}/seeds{seeds}", one[law] * seeds, run)
     return cases, expected
-
-
-# --- as a table ---------------------------------------------------------------------------------
-def table(result: dict[str, Any]) -> str:
-    """The result as plain tables, one for each kind of case that was run."""
-    cases, goals = result["cases"], result["goals"]
-    parts = {
-        "exact": ("without noise, error [%], goal", _exact_lines, goals["exact"]),
-        "refused": (
-            "motion inside the body alone: parameters that the refusal names",
-            _named,
-            None,
-        ),
-        "fe": ("finite elements without noise, error [%], goal", _exact_lines, goals["fe"]),
-        "fe-noise": (
-            "finite elements, 20 um and 1 % of the largest force: median size of the error [%],"
-            " coverage of the 90 % intervals",
-            _finite_lines,
-            goals["fe-noise"],
-        ),
-        "noise": (
-            "noise in % of the rms of what is measured: median size of the error [%], coverage of"
-            " the 90 % intervals",
-            _noise_lines,
-            None,
-        ),
-        "time": ("seconds of the processor", _time_lines, None),
-    }
-    blocks = []
-    for kind, (title, lines, goal) in parts.items():
-        own = {n.split("/", 1)[1]: r for n, r in cases.items() if n.split("/")[0] == kind}
-        if own:
-            head = f"{title} {goal:g}" if isinstance(goal, float) else title
-            blocks.append("\n".join([head, *lines(own, goal)]))
-    return "\n\n".join(blocks)
-
-
-def _met(met: bool) -> str:
-    return "met" if met else "MISSED"
-
-
-def _exact_lines(own: dict[str, Any], goal: float) -> list[str]:
-    lines = [f"{'':20}{'rows':>6}{'condition':>11}{'s':>7}"]
-    for name, r in own.items():
-        if "refused" in r:
-            lines.append(f"{name:20}  refused: {', '.join(r['refused'])}  MISSED")
-            continue
-        met = _met(max(abs(e) for e in r["errors"].values()) <= goal)
-        errors = "  ".join(f"{k} {e:+.3f}" for k, e in r["errors"].items())
-        size = f"{r['rows']:>6}{r['condition']:>11.1f}{r['seconds']:>7.1f}"
-        lines.append(f"{name:20}{size}  {errors}  {met}")
-    return lines
-
-
-def _named(own: dict[str, Any], _: None) -> list[str]:
-    return [
-        f"{name:20}{', '.join(r['named']) or 'not refused'}  {_met(r['named'] == r['expected'])}"
-        for name, r in own.items()
-    ]
-
-
-def _noise_lines(own: dict[str, Any], _: None) -> list[str]:
-    head = "".join(f"{c:>9}" for e in ESTIMATORS for c in (e, "cover", "refused"))
-    lines = [f"{'':20}{'noise':>6} {'':9}{head}{'seeds':>7}"]
-    for name, r in own.items():
-        law, level, _seeds = name.split("/")
-        keys = dict.fromkeys(k for e in ESTIMATORS for k in r[e]["median"]) or {"-": None}
-        for key in keys:
-            cells = "".join(_cells(r[e], key) for e in ESTIMATORS)
-            lines.append(f"{law:20}{level:>6} {key:9}{cells}{r['seeds']:>7}")
-    return lines
-
-
-def _cells(found: dict[str, Any], key: str) -> str:
-    median, cover = (found[n].get(key) for n in ("median", "coverage_90"))
-    shown = ("-", "-") if median is None else (f"{median:.3f}", f"{cover:.0%}")
-    return "".join(f"{c:>9}" for c in (*shown, found["refused"]))
-
-
-def _finite_lines(own: dict[str, Any], goals: dict[str, dict[str, float]]) -> list[str]:
-    lines = [f"{'':20}{'':9}{'error':>9}{'cover':>9}{'refused':>9}{'seeds':>7}{'goal':>6}"]
-    for name, r in own.items():
-        case = name.split("/")[0]
-        for key, goal in goals[case].items():
-            median = r["gls"]["median"].get(key)
-            met = _met(median is not None and median <= goal)
-            cells = _cells(r["gls"], key)
-            lines.append(f"{case:20}{key:9}{cells}{r['seeds']:>7}{goal:>6.1f}  {met}")
-    return lines
-
-
-def _time_lines(own: dict[str, Any], _: None) -> list[str]:
-    return [
-        f"{name}: {r['rows']} rows, {r['points']} points, {r['frames']} frames:"
-        f" A and b once {r['assembly_seconds']:.2f}, whole identification"
-        f" {r['identification_seconds']:.1f}, that is"
-        f" {r['identification_seconds'] / r['assembly_seconds']:.0f} times as much"
-        for name, r in own.items()
-    ]
