@@ -6,6 +6,7 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.pool import Pool
 from typing import Any, Generic, TypeVar
 
@@ -73,6 +74,22 @@ def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:
 def _done(n: int) -> Any:
     task, items = _work[-1]
     return task(items[n])
+
+
+def parted(work: Callable[[slice], None], count: int, least: int) -> None:
+    """Work on the parts of a range, each in a thread of its own, as far as there are cores.
+
+    Args:
+        work: on a part; for compiled code that holds no lock of the interpreter.
+        count: length of the range.
+        least: length of a part that is worth a thread.
+    """
+    parts = max(1, copies(count // least))
+    if parts == 1:
+        return work(slice(0, count))
+    ends = [count * n // parts for n in range(parts + 1)]
+    with ThreadPoolExecutor(parts) as pool:
+        list(pool.map(work, map(slice, ends[:-1], ends[1:])))
 
 
 class Newest(Generic[R, T]):

@@ -12,6 +12,7 @@ from form_drake.identify.problem import Problem, _borne
 from form_drake.identify.search import searched
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
+from form_drake.motion.fit import by_root
 from form_drake.motion.knots import chosen_space, chosen_time, white_noise
 from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
@@ -87,7 +88,10 @@ def test_no_operation_changes_a_symmetric_field(symmetry):
 @pytest.mark.parametrize("symmetry", [Symmetry(), Symmetry((1,)), SQUARE])
 def test_functions_are_as_many_as_symmetric_fields(symmetry):
     space = Space(tensor(), symmetry)
-    projector = symmetry.projector(space.scalar).toarray()
+    images, signs = symmetry.images(space.scalar)
+    projector = np.mean(
+        [s[:, None] * np.eye(len(s))[n] for n, s in zip(images, signs, strict=True)], axis=0
+    )
     np.testing.assert_allclose(projector @ projector, projector, atol=1e-12)
     assert space.size == round(np.trace(projector))
 
@@ -342,5 +346,14 @@ def test_a_fit_like_another_is_linear_and_has_its_response():
         p_WQ = made_without.p_WQ + 3e-5 * rng.standard_normal(made_without.p_WQ.shape)
         drawn.append(fit_tracks(replace(made_without, p_WQ=p_WQ), shape, like=like).c - plain.c)
     claimed = [like.responding.draw(np.random.default_rng(n)) for n in range(30)]
-    sizes = [np.sqrt(np.mean(np.square(some))) for some in (drawn, claimed)]
-    assert sizes[1] == pytest.approx(sizes[0], rel=0.05)
+    size = like.space.size
+    root = like.space.tied(by_root(like.space, like.roots, np.eye(size))).reshape(-1, size)
+    stated = sum(
+        np.broadcast_to(p.scale, (size, p.time_root.shape[1])) ** 2 @ p.time_root.T**2
+        for p in like.response
+    )
+    sure, back = stated > 1e-6 * stated.max(), np.linalg.pinv(root)
+    for some in (drawn, claimed):
+        white = np.array([back @ c.reshape(len(root), -1) for c in some])
+        share = np.mean(white[:, sure] ** 2 / stated[sure])
+        assert np.sqrt(share) == pytest.approx(1.0, rel=0.05)

@@ -198,7 +198,7 @@ class Problem:
     def jacobian(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """d (A theta) / d (phi, eta), shape [rows, unknowns]."""
         A, b = self.rows(eta, theta)
-        return np.hstack([self.reduced(A, b)[0], self.slopes(eta, theta)])
+        return np.hstack([self.reduced(A, b)[0], self.coarser.slopes(eta, theta)])
 
     def slopes(self, eta: np.ndarray, theta: np.ndarray, *, released: bool = True) -> np.ndarray:
         """d (A theta) / d eta, shape [rows, len(eta)].

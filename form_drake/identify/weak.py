@@ -264,9 +264,9 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
     by = weights(none, size / size.max(), 1.0)
     eta = searched(coarse, by)
     solution = coarse.solved(coarse.system(eta), by)
-    for n in range(PASSES):
+    for _ in range(PASSES):
         before, theta = eta, problem.unknowns.theta(solution.theta)
-        noise = (coarse if n == 0 else problem).noise(eta, theta)
+        noise = problem.noise(eta, theta)
         system = problem.system(eta, theta)
         by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
         eta = searched(problem, by, eta)
@@ -274,6 +274,6 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
         change = np.abs(problem.unknowns.theta(solution.theta) - theta)
         moved = np.max(np.abs(eta - before), initial=0.0)
         moved = max(moved, (system.sizes @ change).sum() / (system.sizes @ np.abs(theta)).sum())
-        if n > 0 and moved <= SETTLED:
+        if moved <= SETTLED:
             break
     return eta, solution, by, noise

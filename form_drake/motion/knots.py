@@ -12,7 +12,7 @@ from contextlib import suppress
 from itertools import pairwise, permutations, product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, eigvals_banded, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
@@ -191,32 +191,46 @@ class _Bases:
         held = [f.condition == "bonded" for f in body.faces]
         self._held = [(held[2 * n], held[2 * n + 1]) for n in range(3)]
         self._known: dict[tuple[tuple[int, ...], Symmetry], float] = {}
+        self._axes: dict[tuple[int, int], Splines] = {}
+        self._centred: dict[Symmetry, np.ndarray] = {}
         self._tensors: dict[tuple[int, ...], Tensor] = {}
 
     def space(self, rungs: tuple[int, ...], symmetry: Symmetry) -> Space:
         """The basis at a step of the ladder along every axis."""
         if rungs not in self._tensors:
-            a, b, c = (
-                Splines.graded(self._body.low[n], self._body.high[n], *LADDER[r], self._held[n])
-                for n, r in enumerate(rungs)
-            )
+            a, b, c = (self._axis(n, r) for n, r in enumerate(rungs))
             self._tensors[rungs] = Tensor((a, b, c))
         return Space(self._tensors[rungs], symmetry)
+
+    def _axis(self, n: int, rung: int) -> Splines:
+        if (n, rung) not in self._axes:
+            low, high = self._body.low[n], self._body.high[n]
+            self._axes[n, rung] = Splines.graded(low, high, *LADDER[rung], self._held[n])
+        return self._axes[n, rung]
 
     def error(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
         """Error at left-out tracks [m]; infinite for more functions than the tracks could tell."""
         key = (rungs, symmetry)
         if key not in self._known:
-            X, u, valid = self._tracks
+            X, _, valid = self._tracks
             space = self.space(rungs, symmetry)
             told = zip(space.scalar.axes, self._places, strict=True)
             few = space.scalar.size <= FINEST * len(X) and all(s.size <= n for s, n in told)
             self._known[key] = np.inf
             with suppress(np.linalg.LinAlgError):
                 if few and space.size <= 3.0 * LARGEST * len(X):
-                    whole = centred(symmetry, self._body, X, filled(space, X, u, valid))
-                    self._known[key] = press(space, X, whole, valid)
+                    self._known[key] = press(space, X, self._whole(space), valid)
         return self._known[key]
+
+    def _whole(self, space: Space) -> np.ndarray:
+        """The tracks less their drift, what is missing as a space fills it; without gaps, remembered."""
+        X, u, valid = self._tracks
+        symmetry = space.symmetry
+        if not valid.all():
+            return centred(symmetry, self._body, X, filled(space, X, u, valid))
+        if symmetry not in self._centred:
+            self._centred[symmetry] = centred(symmetry, self._body, X, u)
+        return self._centred[symmetry]
 
     def limit(self, lowest: float) -> float:
         """Error [m] below which a basis is as good as the one of the ``lowest`` [m]."""
@@ -306,4 +320,8 @@ def _told(breaks: np.ndarray, time: np.ndarray) -> bool:
     """Whether samples at ``time`` [s] tell all splines well apart."""
     if len(breaks) + TIME_DEGREE > len(time):
         return False
-    return bool(np.linalg.cond(Splines(breaks, TIME_DEGREE).matrix(time)) < WORST)
+    values = Splines(breaks, TIME_DEGREE).matrix(time)
+    gram = values.T @ values
+    band = [np.pad(np.diagonal(gram, n), (n, 0)) for n in range(TIME_DEGREE, -1, -1)]
+    least, *_, most = eigvals_banded(band)
+    return bool(most < WORST**2 * least)

@@ -84,26 +84,25 @@ class Symmetry:
             found[a] = max(rungs[b] for b in self.exchange)
         return tuple(found)
 
-    def projector(self, scalar: Tensor) -> sparse.csc_matrix:
-        """Onto coefficients [space, 3], flattened, that no operation changes."""
-        size = 3 * scalar.size
-        index = np.arange(size).reshape(*(s.size for s in scalar.axes), 3)
-        found = sparse.identity(size, format="csc")
+    def images(self, scalar: Tensor) -> tuple[np.ndarray, np.ndarray]:
+        """Where every product of the operations takes coefficients [space, 3], flattened, and with which sign.
+
+        Both have the shape [products, 3 space].
+        """
+        index = np.arange(3 * scalar.size).reshape(1, *(s.size for s in scalar.axes), 3)
+        sign = np.ones(index.shape)
         for a in self.mirrors:
-            sign = np.where(np.arange(3) == a, -1.0, 1.0) * np.ones(index.shape)
-            found = 0.5 * (found + _permuted(np.flip(index, a), sign) @ found)
+            turned = np.where(np.arange(3) == a, -1.0, 1.0) * sign
+            index = np.concatenate([index, np.flip(index, a + 1)])
+            sign = np.concatenate([sign, np.flip(turned, a + 1)])
         if self.exchange:
             a, b = self.exchange
             order = np.arange(3)
             order[[a, b]] = b, a
-            turned = np.swapaxes(index, a, b)[..., order]
-            found = 0.5 * (found + _permuted(turned, np.ones(index.shape)) @ found)
-        return sparse.csc_matrix(found)
-
-
-def _permuted(index: np.ndarray, sign: np.ndarray) -> sparse.csc_matrix:
-    size = index.size
-    return sparse.csc_matrix((sign.ravel(), (np.arange(size), index.ravel())), shape=(size, size))
+            index, sign = (
+                np.concatenate([k, np.swapaxes(k, a + 1, b + 1)[..., order]]) for k in (index, sign)
+            )
+        return index.reshape(len(index), -1), sign.reshape(len(sign), -1)
 
 
 @dataclass(frozen=True)
@@ -147,18 +146,17 @@ class Space:
         """Components apart, or together where axes change places or all are ``joined``."""
         both = self.symmetry.exchange
         groups = [both] * bool(both) + [(a,) for a in range(3) if a not in both]
-        projector = self.symmetry.projector(self.scalar)
+        images, signs = self.symmetry.images(self.scalar)
+        still = images == np.arange(images.shape[1])
+        kept = np.sum(np.where(still, signs, 0.0), axis=0) != 0.0
+        least = images.argmin(axis=0)[None]
+        first, sign = (np.take_along_axis(k, least, axis=0)[0] for k in (images, signs))
+        weight = sign * np.sqrt(still.sum(axis=0) / len(images))
         found = []
         for axes in groups:
-            rows = (3 * np.arange(self.scalar.size)[:, None] + np.array(axes)).ravel()
-            own = sparse.csc_matrix(projector[rows][:, rows])
-            own.eliminate_zeros()
-            own.sort_indices()
-            filled = np.flatnonzero(np.diff(own.indptr))
-            first = filled[own.indices[own.indptr[filled]] == filled]
-            kept = own[:, first]
-            kept = kept @ sparse.diags(1.0 / np.sqrt(kept.multiply(kept).sum(axis=0).A1))
-            ties = tuple(sparse.csr_matrix(kept[n :: len(axes)]) for n in range(len(axes)))
+            own = [slice(a, None, 3) for a in axes]
+            orbits = np.unique(np.concatenate([first[o][kept[o]] for o in own]))
+            ties = tuple(_tie(orbits, first[o], weight[o], kept[o]) for o in own)
             found.append(Block(axes, ties))
         return (_joined(found),) if self.joined else tuple(found)
 
@@ -201,6 +199,14 @@ class Space:
         return c
 
 
+def _tie(
+    orbits: np.ndarray, first: np.ndarray, weight: np.ndarray, kept: np.ndarray
+) -> sparse.csr_matrix:
+    """Every coefficient from that of its orbit, named by the ``first`` of it."""
+    columns, ends = np.searchsorted(orbits, first[kept]), np.append(0, np.cumsum(kept))
+    return sparse.csr_matrix((weight[kept], columns, ends), shape=(len(first), len(orbits)))
+
+
 def _joined(blocks: list[Block]) -> Block:
     """All functions of some blocks as those of one."""
     ties: list[sparse.csr_matrix] = []
@@ -217,7 +223,11 @@ def _joined(blocks: list[Block]) -> Block:
 def _same(one: Block, other: Block) -> bool:
     if len(one.ties) != len(other.ties) or one.size != other.size:
         return False
-    return all((a != b).nnz == 0 for a, b in zip(one.ties, other.ties, strict=True))
+    return all(
+        np.array_equal(getattr(a, k), getattr(b, k))
+        for a, b in zip(one.ties, other.ties, strict=True)
+        for k in ("indptr", "indices", "data")
+    )
 
 
 def paired(D: np.ndarray, u: np.ndarray) -> np.ndarray:

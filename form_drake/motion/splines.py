@@ -96,13 +96,14 @@ class Tensor:
         Returns:
             Matrix K with c^T K c the integral of a field with coefficients c, shape [size, size].
         """
-        grams = [axis.grams for axis in self.axes]
-        total = np.zeros((self.size, self.size))
-        for orders in np.ndindex(3, 3, 3):
-            if sum(orders) == 2:
-                a, b, c = (g[d] for g, d in zip(grams, orders, strict=True))
-                total += (1.0 if 2 in orders else 2.0) * np.kron(np.kron(a, b), c)
-        return total
+        (a0, a1, a2), (b0, b1, b2), (c0, c1, c2) = (axis.grams for axis in self.axes)
+        none = np.kron(b0, c0)
+        once = np.kron(b1, c0) + np.kron(b0, c1)
+        twice = np.kron(b2, c0) + np.kron(b0, c2) + 2.0 * np.kron(b1, c1)
+        total = a2[:, None, :, None] * none[:, None]
+        for along, others in ((2.0 * a1, once), (a0, twice)):
+            total += along[:, None, :, None] * others[:, None]
+        return np.asarray(total.reshape(self.size, self.size))
 
     def gradient(self, X: np.ndarray) -> np.ndarray:
         """Gradients at X [1/m], shape [points, size, 3]."""

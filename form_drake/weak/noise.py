@@ -15,6 +15,7 @@ from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
 SMALL = 1e-5  # correlation below which windows are taken to share no noise
+TOGETHER = 2**22  # numbers in what is multiplied at once
 
 # (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
 Stress = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -233,35 +234,46 @@ Window = tuple[np.ndarray, np.ndarray]  # pull of the moments [looks, moments], 
 def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
     """Products of the rows of all windows, as of ``_window``.
 
-    Where every moment is as large, looks are fewer than they: the moments are summed first.
+    Where every moment is as large and looks are fewer than they, windows that share noise are paired;
+    else the moments are summed first.
     """
-    alone = len(moments.scale) > 1
-    held = [_by_moment(w, moments.scale) if alone else _by_look(w, moments.scale) for w in windows]
-    total = np.zeros((m * len(held),) * 2)
-    sizes = [float(np.sqrt(np.max(np.sum(pull**2, axis=1)))) for pull, _ in held]
-    for w, (pull, slopes) in enumerate(held):
-        for u, (other, theirs) in enumerate(held[w:], w):
-            common = pull @ other.T
-            if np.abs(common).max() <= SMALL * sizes[w] * sizes[u]:
-                continue
-            right = np.tensordot(common, theirs, axes=(1, 0))
-            block = slopes.reshape(-1, m).T @ right.reshape(-1, m)
-            total[w * m : (w + 1) * m, u * m : (u + 1) * m] = block
-            total[u * m : (u + 1) * m, w * m : (w + 1) * m] = block.T
+    most = max(len(pull) for pull, _ in windows)
+    if len(moments.scale) > 1 or moments.series.shape[1] <= most:
+        return _by_moment(windows, moments.scale, m)
+    pulls, slopes = (
+        np.stack([np.pad(a, [(0, most - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in own])
+        for own in zip(*windows, strict=True)
+    )
+    slopes = (slopes * moments.scale[0][:, None]).reshape(len(windows), most, -1, m)
+    sizes = np.sqrt(np.max(np.sum(pulls**2, axis=2), axis=1))
+    total = np.zeros((len(windows), m, len(windows), m))
+    for w, (pull, own) in enumerate(zip(pulls, slopes, strict=True)):
+        common = pulls[w:] @ pull.T
+        share = np.abs(common).max(axis=(1, 2)) > SMALL * sizes[w] * sizes[w:]
+        near = np.flatnonzero(share)
+        left = common[near] @ own.reshape(most, -1)
+        theirs = slopes[w + near].reshape(len(near), -1, m).swapaxes(1, 2)
+        block = theirs @ left.reshape(len(near), -1, m)
+        total[w + near, :, w] = block
+        total[w, :, w + near] = block.swapaxes(1, 2)
+    return total.reshape(m * len(windows), -1)
+
+
+def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
+    """The same, a few moments at a time."""
+    functions, moments = scale.shape[1], windows[0][0].shape[1]
+    scale = np.broadcast_to(scale, (moments, functions))
+    total = np.zeros((m * len(windows),) * 2)
+    count = max(1, TOGETHER // (len(total) * functions))
+    for n in range(0, moments, count):
+        own = slice(n, n + count)
+        rows = [
+            np.tensordot(slopes, pull[:, own], axes=(0, 0)) * scale[own].T[:, None]
+            for pull, slopes in windows
+        ]
+        flat = np.stack(rows).swapaxes(1, 2).reshape(len(total), -1)
+        total += flat @ flat.T
     return total
-
-
-def _by_look(window: Window, scale: np.ndarray) -> Window:
-    """Scaled slopes of a window at its looks."""
-    pull, slopes = window
-    return pull, slopes * scale[0][:, None]
-
-
-def _by_moment(window: Window, scale: np.ndarray) -> Window:
-    """Scaled slopes of a window by moment."""
-    pull, slopes = window
-    found = np.tensordot(pull, slopes, axes=(0, 0)) * scale[:, :, None]
-    return np.eye(len(scale)), found
 
 
 def _window(

@@ -21,7 +21,7 @@ from form_drake.weak.system import Row
 from form_drake.weak.windows import Windows
 
 POINTS = 2**15  # at all times together, whose stresses are differentiated at once
-LOOKS = 6  # times in a window at which the noise is linearised
+LOOKS = 6  # most times in a window at which the noise is linearised
 # share of a row's variance that its linearisation misses: without it, rows that few independent
 # noises drive would be combined into ones that claim to hold no noise at all
 INEXACT = 0.03
@@ -237,7 +237,7 @@ class Probe:
 
         width = float(np.diff(self.windows.ends, axis=1).min())
         step = float(np.median(np.diff(motion.time)))
-        every = max(1, int(width / step / LOOKS))
+        every = max(1, int(np.ceil(width / step / LOOKS)))
         at = np.arange(0, len(motion.time), every)
         rates = "rate" in law.needs
         bases = Bases.of(self.fit, self.sampling, parts)

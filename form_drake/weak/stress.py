@@ -1,6 +1,7 @@
 """Stress of every term of a law along a motion, and the elastic strain that plastic flow leaves."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -8,8 +9,10 @@ import warp as wp
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import flow, responses, types, yield_measures
 from form_drake.laws.memory import LARGEST
+from form_drake.workers import parted
 
 PRECISION, DECOMPOSITION = "float64", "series"
+ALONE = 2**12  # matrices that are worth a thread
 LEAST_STRAIN = 1e-3  # of the largest, below which rounding tells what is left of it
 
 
@@ -58,13 +61,21 @@ def unit_stresses(
         shape [terms, ..., 3, 3].
     """
     t, shape = types(PRECISION), F.shape[:-2]
-    n = int(np.prod(shape))
-    out = wp.empty((len(law.terms), n), dtype=t.mat, device="cpu")
-    p = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, dtype=float).ravel()
+    F, L = (np.asarray(a, dtype=float).reshape(-1, 3, 3) for a in (F, L))
+    p = np.zeros(0) if pressure is None else np.asarray(pressure, dtype=float).ravel()
     kappa, s = t.real(values.get("kappa", 0.0)), t.vec4(*law.shape_vector(values))
-    inputs = [_matrices(F), _matrices(L), kappa, wp.array(p, dtype=t.real, device="cpu"), s, out]
-    wp.launch(responses(law, DECOMPOSITION, PRECISION), dim=n, inputs=inputs, device="cpu")
-    return out.numpy().reshape(len(law.terms), *shape, 3, 3).copy()
+    kernel = _loaded(responses(law, DECOMPOSITION, PRECISION))
+    found = np.empty((len(law.terms), len(F), 3, 3))
+
+    def part(own: slice) -> None:
+        out = wp.empty((len(found), len(F[own])), dtype=t.mat, device="cpu")
+        held = wp.array(np.ascontiguousarray(p[own]), dtype=t.real, device="cpu")
+        inputs = [_matrices(F[own]), _matrices(L[own]), kappa, held, s, out]
+        wp.launch(kernel, dim=out.shape[1], inputs=inputs, device="cpu")
+        found[:, own] = out.numpy()
+
+    parted(part, len(F), ALONE)
+    return found.reshape(-1, *shape, 3, 3)
 
 
 def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -77,11 +88,16 @@ def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
     """
     if law.flow != "plastic":
         return F
-    t = types(PRECISION)
-    total = wp.array(np.ascontiguousarray(F), dtype=t.mat, device="cpu")
-    out = wp.empty(F.shape[:2], dtype=t.mat, device="cpu")
-    wp.launch(_history(law), dim=F.shape[1], inputs=[total, t.vec4(*r), out], device="cpu")
-    return out.numpy().copy()
+    t, kernel, found = types(PRECISION), _loaded(_history(law)), np.empty(F.shape)
+
+    def part(own: slice) -> None:
+        total = wp.array(np.ascontiguousarray(F[:, own]), dtype=t.mat, device="cpu")
+        out = wp.empty(total.shape, dtype=t.mat, device="cpu")
+        wp.launch(kernel, dim=total.shape[1], inputs=[total, t.vec4(*r), out], device="cpu")
+        found[:, own] = out.numpy()
+
+    parted(part, F.shape[1], 1 + ALONE // len(F))
+    return found
 
 
 def strain_over_radius(law: Law, F: np.ndarray) -> np.ndarray:
@@ -98,6 +114,12 @@ def strain_over_radius(law: Law, F: np.ndarray) -> np.ndarray:
     counts = (radius > 0.0) & (size > LEAST_STRAIN * size.max())
     found = np.where(counts, size / np.where(counts, radius, 1.0), 0.0)
     return np.asarray(found.reshape(shape))
+
+
+def _loaded(kernel: Any) -> Any:
+    """The same kernel, which no two threads will then load at once."""
+    kernel.module.load(wp.get_device("cpu"), 1)
+    return kernel
 
 
 def _matrices(a: np.ndarray):
