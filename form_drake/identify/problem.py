@@ -174,6 +174,11 @@ class Problem:
         values = self.values(eta)
         return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
 
+    def lasting_noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
+        """The same with what noise leaves in plastic strain."""
+        values = self.values(eta)
+        return [p.lasting_noise(self.unknowns.law, values, theta) for p in self.probes]
+
     def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same from what no track tells."""
         values = self.values(eta)

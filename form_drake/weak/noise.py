@@ -11,6 +11,7 @@ from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import forces, runs
 from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.fields import Fields
+from form_drake.weak.history import Lasting
 from form_drake.weak.windows import Windows
 
 STEP = 1e-6  # of strain, in the differences below
@@ -169,12 +170,21 @@ def _by_gradient(gradient: np.ndarray, slope: np.ndarray, bases: Bases) -> np.nd
     times, count, points = gradient.shape[:3]
     flat = gradient.reshape(times, count, points, 9).swapaxes(1, 2)
     by = flat @ slope.reshape(times, points, 9, 9)
-    rows = by.reshape(times, points, count, 3, 3).swapaxes(1, 2)
-    found = [
-        rows[:, :, :, axes].reshape(times * count, -1) @ along.reshape(-1, along.shape[-1])
-        for axes, along in zip(bases.axes, bases.gradient, strict=True)
-    ]
-    return np.concatenate(found, axis=1).reshape(times, count, -1)
+    return by_functions(by.reshape(times, points, count, 3, 3).swapaxes(1, 2), bases)
+
+
+def by_functions(rows: np.ndarray, bases: Bases) -> np.ndarray:
+    """Slopes by the coefficients of a fit from those by F, shape [times, fields, functions].
+
+    ``rows`` has the shape [times, fields, points, 3, 3].
+    """
+    times, count = rows.shape[:2]
+    found = []
+    for axes, along in zip(bases.axes, bases.gradient, strict=True):
+        flat = along.reshape(-1, along.shape[-1])
+        found.append(rows[:, :, :, axes].reshape(times * count, len(flat)) @ flat)
+    joined = np.concatenate(found, axis=1)
+    return joined.reshape(times, count, joined.shape[1])
 
 
 def _by_value(slope: np.ndarray, bases: Bases) -> np.ndarray:
@@ -204,7 +214,13 @@ def _along_x(fields: Fields, motion: Motion, tau: np.ndarray, weight: np.ndarray
     return np.stack(slope, axis=-1)
 
 
-def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows) -> np.ndarray:
+def track_noise(
+    bases: Bases,
+    families: list[Slopes],
+    every: int,
+    span: Windows,
+    history: Sequence["Past"] = (),
+) -> np.ndarray:
     """Covariance of all rows [(N m s)^2], windows outermost.
 
     Args:
@@ -212,6 +228,7 @@ def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows)
         families: slopes at every ``every``-th time, for each family of fields.
         every: see there.
         span: the windows.
+        history: how every window remembers the motion before its end; empty: not at all.
     """
     parts = [np.concatenate(p, axis=2) for p in zip(*(f.parts for f in families), strict=True)]
     looks, _, m = parts[0].shape
@@ -224,11 +241,45 @@ def track_noise(bases: Bases, families: list[Slopes], every: int, span: Windows)
                 _window(own, groups, chi, rate, one)
                 for chi, rate in zip(span.chi, span.rate, strict=True)
             ]
+            if history:
+                windows = [
+                    past.joined(window, one) for window, past in zip(windows, history, strict=True)
+                ]
             total += _covariance(windows, one, m)
     return total
 
 
 Window = tuple[np.ndarray, np.ndarray]  # pull of the moments [looks, moments], slopes at the looks
+
+
+@dataclass(frozen=True)
+class Past:
+    """Slopes of the rows of a window by what lasts of the motion.
+
+    Attributes:
+        shares: of the times in every look, shape [looks, times].
+        slopes: shape [looks, functions, fields].
+    """
+
+    shares: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def of(cls, own: Lasting, every: int, bases: Bases) -> "Past":
+        """Neighbouring times, up to ``every`` of them, share their mean slopes."""
+        groups, place = np.unique(own.times // every, return_inverse=True)
+        shares = np.zeros((len(groups), bases.moments[0].series.shape[0]))
+        shares[place, own.times] = 1.0
+        rows = np.zeros((len(groups), *own.rows.shape[1:]))
+        np.add.at(rows, place, own.rows)
+        rows /= np.bincount(place, minlength=len(groups))[:, None, None, None, None]
+        return cls(shares, by_functions(rows, bases).swapaxes(1, 2))
+
+    def joined(self, window: Window, moments: Moments) -> Window:
+        """A window together with its past."""
+        own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
+        pull, now = window
+        return np.concatenate([pull, self.shares @ moments.series]), np.concatenate([now, own])
 
 
 def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
@@ -238,7 +289,7 @@ def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
     else the moments are summed first.
     """
     most = max(len(pull) for pull, _ in windows)
-    if len(moments.scale) > 1 or moments.series.shape[1] <= most:
+    if len(moments.scale) > 1 or 2 * m * moments.series.shape[1] <= most**2:
         return _by_moment(windows, moments.scale, m)
     pulls, slopes = (
         np.stack([np.pad(a, [(0, most - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in own])

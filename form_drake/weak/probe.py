@@ -14,7 +14,8 @@ from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import Along, balance, runs
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
-from form_drake.weak.noise import Bases, Slopes, slopes, track_noise
+from form_drake.weak.history import lasting
+from form_drake.weak.noise import Bases, Past, Slopes, slopes, track_noise
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row
@@ -201,9 +202,24 @@ class Probe:
         return found
 
     def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
-        """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``."""
-        total = self._track_noise(law, values, theta, self.fit.spread) + self._force_noise()
-        total = total[np.ix_(self.keep, self.keep)]
+        """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``.
+
+        Errors of F before a time are taken not to act at it. That is right where a body flows so much
+        from frame to frame that it forgets; rows of slower flow are held for noisier than they are,
+        which keeps them from outvoting all others.
+        """
+        return self._noise(self._track_noise(law, values, theta, self.fit.spread))
+
+    def lasting_noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
+        """The same with what noise leaves in plastic strain, see ``form_drake.weak.history``."""
+        # few points will do, and what history takes back must be read where it was added
+        probe = self.coarser
+        return self._noise(
+            probe._track_noise(law, values, theta, self.fit.spread, remembers=not self.released)
+        )
+
+    def _noise(self, tracks: np.ndarray) -> np.ndarray:
+        total = (tracks + self._force_noise())[np.ix_(self.keep, self.keep)]
         found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
         return found
 
@@ -213,7 +229,13 @@ class Probe:
         return found[np.ix_(self.keep, self.keep)]
 
     def _track_noise(
-        self, law: Law, values: Values, theta: np.ndarray, parts: tuple[Spread, ...]
+        self,
+        law: Law,
+        values: Values,
+        theta: np.ndarray,
+        parts: tuple[Spread, ...],
+        *,
+        remembers: bool = False,
     ) -> np.ndarray:
         motion = self.motion
         elastic = self._elastic(law, values, motion)
@@ -249,7 +271,32 @@ class Probe:
             )
             for f in self.fields
         ]
-        return track_noise(bases, families, every, self.windows)
+        history = self._history(law, values, theta, bases, every) if remembers else []
+        return track_noise(bases, families, every, self.windows, history)
+
+    def _history(
+        self, law: Law, values: Values, theta: np.ndarray, bases: Bases, every: int
+    ) -> list[Past]:
+        """What lasts of the motion in plastic strain, looks of ``every`` times together."""
+        motion, r = self.motion, law.radius_vector(values)
+
+        def back(trial: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+            F = elastic_part(law, trial.reshape(1, -1, 3, 3), r).reshape(trial.shape)
+            own = slice(first, first + len(F))
+            p = None if motion.pressure is None else motion.pressure[own]
+            return F, np.tensordot(theta, unit_stresses(law, F, motion.L[own], values, p), axes=1)
+
+        def pairing(n: int) -> np.ndarray:
+            look, found = motion.at(slice(n, n + 1)), []
+            for fields in self.fields:
+                gradient = fields.at(look).gradient[0]
+                paired = gradient @ look.inverse[0] if fields.material else gradient
+                found.append(motion.volume[:, None, None] * paired)
+            return np.concatenate(found)
+
+        elastic = self._elastic(law, values, motion)
+        found = lasting(motion.F, elastic, pairing, self.windows.chi, back, POINTS)
+        return [Past.of(own, every, bases) for own in found]
 
     def _force_noise(self) -> np.ndarray:
         counts = [len(f.names) for f in self.fields]

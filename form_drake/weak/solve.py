@@ -8,6 +8,8 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import brentq, lsq_linear
 
+from form_drake.weak.system import WeakSystem
+
 Blocks = Sequence[np.ndarray]
 TINY = 1e-100  # length of a column that holds nothing
 CLOSE = 4e-3  # of a model error, relatively
@@ -154,6 +156,22 @@ def passed_on(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
     back = np.linalg.pinv(by.white(A))
     white = by.white(by.white(block_diag(*errors)).T)
     return np.asarray(back @ white @ back.T)
+
+
+def throughout(system: WeakSystem, error: float) -> list[np.ndarray]:
+    """Covariance of each probe's rows from errors that last [(N m s)^2], one of every test field.
+
+    Args:
+        system: the rows.
+        error: share of their sizes.
+    """
+    found = []
+    for name in dict.fromkeys(row.probe for row in system.rows):
+        own = [n for n, row in enumerate(system.rows) if row.probe == name]
+        fields = np.array([system.rows[n].field for n in own])
+        size = error * system.scale[own]
+        found.append(np.where(fields[:, None] == fields, np.outer(size, size), 0.0))
+    return found
 
 
 def bounded(A: np.ndarray, b: np.ndarray, by: Weights, floors: np.ndarray) -> Solution:

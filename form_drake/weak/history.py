@@ -1,0 +1,121 @@
+"""What noise leaves in the plastic strain, and how that reaches later rows.
+
+With U = F^-1 F_e, a step is F_e = R(F U') from the U' before, R the return to the yield surface. An
+error of F moves U by
+
+    dU = F^-1 (D[dF U' + F dU'] - dF U),    D = dR / d(F U'),
+
+which vanishes where nothing flows (D = 1), and fades where the body flows on. Rows are followed
+back through these steps (the adjoint of the recursion), all rows of a window at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.motion.motion import inverse
+
+STEP = 1e-6  # of strain, in the differences
+FORGOTTEN = 0.01  # share of the most that a window has held of U, below which nothing is left
+FLOWS = 1e-3  # |D - 1|, below which nothing does
+
+# trial elastic deformation gradients at times from the first on, [times, points, 3, 3] -> those after
+# the return, and their Kirchhoff stress [Pa]
+Return = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Derivatives of the rows of one window by F through U alone, where something flows.
+
+    Attributes:
+        times: indices, shape [looks].
+        rows: shape [looks, fields, points, 3, 3].
+    """
+
+    times: np.ndarray
+    rows: np.ndarray
+
+
+def lasting(
+    F: np.ndarray,
+    elastic: np.ndarray,
+    pairing: Callable[[int], np.ndarray],
+    chi: np.ndarray,
+    back: Return,
+    most: int,
+) -> list[Lasting]:
+    """Those of every window.
+
+    Args:
+        F: deformation gradients, shape [times, points, 3, 3].
+        elastic: their elastic parts, of the same shape.
+        pairing: what the stress is multiplied by in a row at a time, shape [fields, points, 3, 3].
+        chi: the windows [s], shape [windows, times].
+        back: the return to the yield surface.
+        most: matrices that are returned at once.
+    """
+    own = inverse(F)
+    U = own @ elastic
+    points, windows, fields = F.shape[1], len(chi), len(pairing(0))
+    held = np.zeros((points, windows, fields, 3, 3))  # derivatives by U
+    largest = np.zeros(windows)
+    looks: list[list[tuple[int, np.ndarray]]] = [[] for _ in chi]
+    count = max(1, most // points)
+    for end in range(len(F), 1, -count):
+        first = max(1, end - count)
+        D, C = _tangents(F[first:end] @ U[first - 1 : end - 1], first, back)
+        for n in range(end - 1, first - 1, -1):
+            alive = np.flatnonzero(largest)
+            turned, before = (_each(a.swapaxes(1, 2)) for a in (F[n], U[n - 1]))
+            mu = _each(own[n].swapaxes(1, 2)) @ held[:, alive]
+            through = _pulled(mu, D[n - first])
+            if np.abs(D[n - first] - np.eye(9)).max() > FLOWS:
+                change = through @ before - mu @ _each(U[n].swapaxes(1, 2))
+                for w, rows in zip(alive, change.transpose(1, 2, 0, 3, 4), strict=True):
+                    looks[w].append((n, rows))
+            held[:, alive] = turned @ through
+            inside = np.flatnonzero(chi[:, n])
+            if len(inside):
+                pull = turned @ _pulled(pairing(n).swapaxes(0, 1)[:, None], C[n - first])
+                held[:, inside] += chi[inside, n][:, None, None, None] * pull
+            size = np.abs(held).max(axis=(0, 2, 3, 4))
+            largest = np.maximum(largest, size)
+            gone = size <= FORGOTTEN * largest
+            held[:, gone], largest[gone] = 0.0, 0.0
+    none = np.zeros((0, fields, points, 3, 3))
+    return [
+        Lasting(
+            np.array([n for n, _ in found], dtype=int),
+            np.stack([rows for _, rows in found]) if found else none,
+        )
+        for found in looks
+    ]
+
+
+def _each(a: np.ndarray) -> np.ndarray:
+    """A matrix of every point, for all windows and fields."""
+    return a[:, None, None]
+
+
+def _pulled(a: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Derivatives by a matrix from those by its image, shape of a.
+
+    Args:
+        a: by the image, shape [points, windows, fields, 3, 3].
+        slope: of the image, shape [points, 9, 9], the matrix first.
+    """
+    flat = a.reshape(len(a), -1, 9) @ slope.swapaxes(1, 2)
+    return flat.reshape(a.shape)
+
+
+def _tangents(trial: np.ndarray, first: int, back: Return) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of elastic part and stress by the trial, shape [times, points, 9, 9], the trial's first."""
+    still = back(trial, first)
+    found: list[list[np.ndarray]] = [[], []]
+    for unit in np.eye(9).reshape(9, 3, 3):
+        for slopes, at, start in zip(found, back(trial + STEP * unit, first), still, strict=True):
+            slopes.append((at - start) / STEP)
+    D, C = (np.stack(f, axis=2).reshape(*trial.shape[:2], 9, 9) for f in found)
+    return D, C
