@@ -13,7 +13,8 @@ from form_drake.identify.search import searched
 from form_drake.laws import law_named
 from form_drake.motion import body, fit_tracks
 from form_drake.motion.fit import by_root
-from form_drake.motion.knots import chosen_space, chosen_time, white_noise
+from form_drake.motion.knots import chosen_space, white_noise
+from form_drake.motion.pace import chosen_time
 from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor

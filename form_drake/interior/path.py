@@ -12,7 +12,7 @@ from form_drake.interior.statics import Held, Rows, Statics
 from form_drake.interior.surface import Seen
 from form_drake.motion import Fit
 from form_drake.motion.fit import unfollowed
-from form_drake.motion.knots import chosen_time
+from form_drake.motion.pace import chosen_time
 from form_drake.motion.smoothing import Smoothing, Spread
 
 LOOKS = 12  # frames that stand for all, where not each is needed

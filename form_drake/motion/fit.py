@@ -13,7 +13,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
-from form_drake.motion.knots import chosen_space, chosen_time, edge, filled, press
+from form_drake.motion.knots import chosen_space, edge, filled, press
+from form_drake.motion.pace import chosen_time
 from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines

@@ -1,0 +1,151 @@
+"""Covariance of the rows from the noise of the tracks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from form_drake.weak.history import Lasting
+from form_drake.weak.noise import Bases, Moments, Slopes, by_functions
+from form_drake.weak.windows import Windows
+
+SMALL = 1e-5  # correlation below which windows are taken to share no noise
+TOGETHER = 2**22  # numbers in what is multiplied at once
+
+
+def track_noise(
+    bases: Bases,
+    families: list[Slopes],
+    every: int,
+    span: Windows,
+    history: Sequence["Past"] = (),
+) -> np.ndarray:
+    """Covariance of all rows [(N m s)^2], windows outermost.
+
+    Args:
+        bases: of the fit, at the times of the windows.
+        families: slopes at every ``every``-th time, for each family of fields.
+        every: see there.
+        span: the windows.
+        history: how every window remembers the motion before its end; empty: not at all.
+    """
+    parts = [np.concatenate(p, axis=2) for p in zip(*(f.parts for f in families), strict=True)]
+    looks, _, m = parts[0].shape
+    groups = np.minimum(np.rint(np.arange(len(span.time)) / every).astype(int), looks - 1)
+    total = np.zeros((m * len(span),) * 2)
+    for one in bases.moments:
+        if one.series.any():  # else no noise
+            own = parts if one.mix is None else [one.mix.T @ p for p in parts]
+            windows = [
+                _window(own, groups, chi, rate, one)
+                for chi, rate in zip(span.chi, span.rate, strict=True)
+            ]
+            if history:
+                windows = [
+                    past.joined(window, one) for window, past in zip(windows, history, strict=True)
+                ]
+            total += _covariance(windows, one, m)
+    return total
+
+
+Window = tuple[np.ndarray, np.ndarray]  # pull of the moments [looks, moments], slopes at the looks
+
+
+@dataclass(frozen=True)
+class Past:
+    """Slopes of the rows of a window by what lasts of the motion.
+
+    Attributes:
+        shares: of the times in every look, shape [looks, times].
+        slopes: shape [looks, functions, fields].
+    """
+
+    shares: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def of(cls, own: Lasting, every: int, bases: Bases) -> "Past":
+        """Neighbouring times, up to ``every`` of them, share their mean slopes."""
+        groups, place = np.unique(own.times // every, return_inverse=True)
+        shares = np.zeros((len(groups), bases.moments[0].series.shape[0]))
+        shares[place, own.times] = 1.0
+        rows = np.zeros((len(groups), *own.rows.shape[1:]))
+        np.add.at(rows, place, own.rows)
+        rows /= np.bincount(place, minlength=len(groups))[:, None, None, None, None]
+        return cls(shares, by_functions(rows, bases).swapaxes(1, 2))
+
+    def joined(self, window: Window, moments: Moments) -> Window:
+        """A window together with its past."""
+        own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
+        pull, now = window
+        return np.concatenate([pull, self.shares @ moments.series]), np.concatenate([now, own])
+
+
+def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
+    """Products of the rows of all windows, as of ``_window``.
+
+    Where every moment is as large and looks are fewer than they, windows that share noise are paired;
+    else the moments are summed first.
+    """
+    most = max(len(pull) for pull, _ in windows)
+    if len(moments.scale) > 1 or 2 * m * moments.series.shape[1] <= most**2:
+        return _by_moment(windows, moments.scale, m)
+    pulls, slopes = (
+        np.stack([np.pad(a, [(0, most - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in own])
+        for own in zip(*windows, strict=True)
+    )
+    slopes = (slopes * moments.scale[0][:, None]).reshape(len(windows), most, -1, m)
+    sizes = np.sqrt(np.max(np.sum(pulls**2, axis=2), axis=1))
+    total = np.zeros((len(windows), m, len(windows), m))
+    for w, (pull, own) in enumerate(zip(pulls, slopes, strict=True)):
+        common = pulls[w:] @ pull.T
+        share = np.abs(common).max(axis=(1, 2)) > SMALL * sizes[w] * sizes[w:]
+        near = np.flatnonzero(share)
+        left = common[near] @ own.reshape(most, -1)
+        theirs = slopes[w + near].reshape(len(near), -1, m).swapaxes(1, 2)
+        block = theirs @ left.reshape(len(near), -1, m)
+        total[w + near, :, w] = block
+        total[w, :, w + near] = block.swapaxes(1, 2)
+    return total.reshape(m * len(windows), -1)
+
+
+def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
+    """The same, a few moments at a time."""
+    functions, moments = scale.shape[1], windows[0][0].shape[1]
+    scale = np.broadcast_to(scale, (moments, functions))
+    total = np.zeros((m * len(windows),) * 2)
+    count = max(1, TOGETHER // (len(total) * functions))
+    for n in range(0, moments, count):
+        own = slice(n, n + count)
+        rows = [
+            np.tensordot(slopes, pull[:, own], axes=(0, 0)) * scale[own].T[:, None]
+            for pull, slopes in windows
+        ]
+        flat = np.stack(rows).swapaxes(1, 2).reshape(len(total), -1)
+        total += flat @ flat.T
+    return total
+
+
+def _window(
+    parts: list[np.ndarray],
+    groups: np.ndarray,
+    chi: np.ndarray,
+    chi_rate: np.ndarray,
+    moments: Moments,
+) -> Window:
+    """How the moments pull at the looks of a window, and the slopes, [looks, functions, fields].
+
+    ``parts`` are those of ``Slopes``; looks of one follow those of the other.
+    """
+    inside = np.flatnonzero(chi > 0)
+    first, last = groups[inside[0]], groups[inside[-1]] + 1
+    looks = (groups[inside] == np.arange(first, last)[:, None]).astype(float)
+    pulls = [
+        looks @ (weight[inside, None] * series[inside])
+        for weight, series in (
+            (chi, moments.series),
+            (chi_rate, moments.rate),
+            (chi, moments.rate),
+        )
+    ][: len(parts)]
+    return np.concatenate(pulls), np.concatenate([part[first:last] for part in parts])
