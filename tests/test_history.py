@@ -5,8 +5,12 @@ import pytest
 
 from form_drake.laws import law_named
 from form_drake.weak import history
+from form_drake.weak.covariance import _by_moment, _covariance
 from form_drake.weak.history import lasting
+from form_drake.weak.noise import Moments
+from form_drake.weak.solve import throughout
 from form_drake.weak.stress import elastic_part, unit_stresses
+from form_drake.weak.system import Row, WeakSystem
 
 LAW = law_named("von-mises")
 THETA = np.array([3.0e4, 4.5e4])
@@ -53,13 +57,13 @@ def by_history(F, chi, m):
     return found
 
 
-def found_at(F, chi, most):
+def found_at(F, chi, most, every=1):
     def back(trial, first):
         elastic = elastic_part(LAW, trial.reshape(1, -1, 3, 3), R).reshape(trial.shape)
         return elastic, stress(elastic)
 
     elastic = elastic_part(LAW, F, R)
-    return lasting(F, elastic, lambda n: PAIRING[n], chi, back, most)
+    return lasting(F, elastic, lambda n: PAIRING[n], chi, back, most, every)
 
 
 @pytest.mark.parametrize(("most", "forgotten", "share"), [(4, 0.0, 1e-4), (1000, 0.01, 0.04)])
@@ -72,10 +76,47 @@ def test_rows_remember_what_flow_has_left(chi, most, forgotten, share, monkeypat
     for m in range(1, TIMES - 1):
         wanted = by_history(F, chi, m)
         for own, rows in zip(found, wanted, strict=True):
-            held = own.rows[own.times == m]
+            held = own.rows[own.shares[:, m] > 0.0]
             through = held[0] if len(held) else np.zeros_like(rows)
             np.testing.assert_allclose(through, rows, rtol=0.0, atol=share * size)
 
 
 def test_nothing_lasts_where_nothing_flows(chi):
-    assert all(not len(own.times) for own in found_at(path(5e-5), chi, 1000))
+    assert all(not len(own.rows) for own in found_at(path(5e-5), chi, 1000))
+
+
+def test_neighbouring_times_make_one_look(chi):
+    single, pairs = (found_at(path(0.005), chi, 1000, every) for every in (1, 2))
+    assert sum(len(two.rows) for two in pairs) < sum(len(one.rows) for one in single)
+    for one, two in zip(single, pairs, strict=True):
+        np.testing.assert_array_equal(two.shares.sum(axis=0), one.shares.sum(axis=0))
+        for share, rows in zip(two.shares, two.rows, strict=True):
+            own = one.rows[one.shares @ share > 0.0]
+            np.testing.assert_allclose(rows, own.mean(axis=0), atol=1e-9 * np.abs(rows).max())
+
+
+def test_windows_in_pairs_and_by_moment_are_one_covariance():
+    """Windows of unlike lengths, one that hears nothing, and one far from all others."""
+    rng = np.random.default_rng(4)
+    looks, moments, functions, fields = 40, 60, 5, 2
+    series = np.zeros((looks, moments))
+    for n in range(looks):
+        series[n, n : n + 4] = rng.standard_normal(4)
+    part = Moments(rng.uniform(0.5, 1.0, (1, functions)), series, series, None)
+    windows = []
+    for first, last, size in ((0, 5, 1.0), (3, 6, 2.0), (5, 9, 0.0), (30, 36, 1.0)):
+        slopes = rng.standard_normal((last - first, functions, fields))
+        windows.append((size * series[first:last], slopes))
+    assert 2 * fields * moments > 6**2  # else both are one
+    both = _covariance(windows, part, fields), _by_moment(windows, part.scale, fields)
+    np.testing.assert_allclose(*both, atol=1e-12 * np.abs(both[1]).max())
+    assert not both[0][4:6].any() and not both[0][:2, 6:].any() and both[0][:2, 2:4].any()
+
+
+def test_an_error_that_lasts_has_the_sign_of_the_stress():
+    rows = tuple(Row((0.0, 1.0), field, probe) for probe in "ab" for field in ("x", "y", "x"))
+    A = np.array([1.0, 1.0, -1.0, 2.0, 1.0, 1.0])[:, None]
+    system = WeakSystem(A, np.zeros(6), np.abs(A[:, 0]), np.abs(A), rows)
+    first, second = throughout(system, np.array([3.0]), 0.1, [3, 3])
+    np.testing.assert_allclose(first, 0.01 * np.array([[1, 0, -1], [0, 1, 0], [-1, 0, 1]]))
+    np.testing.assert_allclose(second, 0.01 * np.array([[4, 0, 2], [0, 1, 0], [2, 0, 1]]))

@@ -237,6 +237,28 @@ def test_effects_read_the_stress_that_yield_leaves(exact):
     )
 
 
+def test_noise_that_lasts_is_that_of_draws(exact):
+    """Of the rows while the body flows; as if it acted at its own time alone they seem noisier."""
+    made, _ = recording(exact, "von-mises")
+    rng = np.random.default_rng(0)
+    noisy = replace(made, p_WQ=made.p_WQ + 2e-5 * rng.standard_normal(made.p_WQ.shape))
+    answer = identify(noisy, weak=WeakOptions(draws=0))
+    problem = answer.weak.problem.coarser
+    eta, theta = problem.coordinates(answer.material.values)
+    (probe,), (A, b) = problem.probes, problem.rows(eta, theta)
+    drawn = []
+    for seed in range(40):
+        change = probe.fit.draw(np.random.default_rng(seed))
+        moved = problem.disturbed(eta, [(change, {})], 0.01)
+        drawn.append(((moved[1] - b) - (moved[0] - A) @ theta) / 0.01)
+    power = np.mean(np.square(drawn), axis=0)
+    (lasting,), (own,) = problem.lasting_noise(eta, theta), problem.noise(eta, theta)
+    force = np.diag(probe._force_noise())[probe.keep]
+    claimed = [np.median(power / (np.diag(n) - force)) for n in (lasting, own)]
+    assert claimed[0] == pytest.approx(1.0, abs=0.12)
+    assert claimed[1] < claimed[0] - 0.08
+
+
 def test_ordinary_least_squares_is_there(exact):
     made, truth = recording(exact, "neo-hookean")
     answer = identify(made, weak=WeakOptions(estimator="ols"))

@@ -175,9 +175,12 @@ class Problem:
         return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
 
     def lasting_noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
-        """The same with what noise leaves in plastic strain."""
-        values = self.values(eta)
-        return [p.lasting_noise(self.unknowns.law, values, theta) for p in self.probes]
+        """The same with what noise leaves in plastic strain.
+
+        Few points will do, and what history takes back must be read where it was added.
+        """
+        law, values = self.unknowns.law, self.values(eta)
+        return [p.noise(law, values, theta, lasting=True) for p in self.coarser.probes]
 
     def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same from what no track tells."""
@@ -201,7 +204,7 @@ class Problem:
         return np.where([k in signed for k in keys], -np.inf, level)
 
     def jacobian(self, eta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """d (A theta) / d (phi, eta), shape [rows, unknowns]."""
+        """d (A theta) / d (phi, eta), by eta at fewer points, shape [rows, unknowns]."""
         A, b = self.rows(eta, theta)
         return np.hstack([self.reduced(A, b)[0], self.coarser.slopes(eta, theta)])
 

@@ -219,7 +219,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         by = equal
     if problem.unknowns.law.flow == "plastic":
         true = totals(problem.lasting_noise(eta, theta), system.scale, ready.by.error)
-        path = throughout(system, max(ready.by.error, PATH))
+        path = throughout(system, theta, max(ready.by.error, PATH), list(map(len, true)))
         covariance = passed_on(J, by, [t + p for t, p in zip(true, path, strict=True)])
         free = replace(free, covariance=covariance)
     if any(p.fit.doubt for p in problem.probes):

@@ -1,7 +1,7 @@
 """Motion from tracked points: a space-time spline whose knots the recording itself chooses.
 
 Displacements of the tracks are fitted by products of B-splines in the stress-free coordinates and
-in time, whose knots ``form_drake.motion.knots`` chooses. What stands out of the noise (its modes)
+in time, whose knots ``form_drake.motion.knots`` and ``pace`` choose. What stands out of the noise (its modes)
 and the rest are smoothed in space, each as its own size asks for.
 """
 

@@ -64,20 +64,19 @@ class Past:
     slopes: np.ndarray
 
     @classmethod
-    def of(cls, own: Lasting, every: int, bases: Bases) -> "Past":
-        """Neighbouring times, up to ``every`` of them, share their mean slopes."""
-        groups, place = np.unique(own.times // every, return_inverse=True)
-        shares = np.zeros((len(groups), bases.moments[0].series.shape[0]))
-        shares[place, own.times] = 1.0
-        rows = np.zeros((len(groups), *own.rows.shape[1:]))
-        np.add.at(rows, place, own.rows)
-        rows /= np.bincount(place, minlength=len(groups))[:, None, None, None, None]
-        return cls(shares, by_functions(rows, bases).swapaxes(1, 2))
+    def of(cls, own: Lasting, bases: Bases) -> "Past":
+        """From the derivatives by F."""
+        if not len(own.rows):
+            size = sum(g.shape[-1] for g in bases.gradient)
+            return cls(own.shares, np.zeros((0, size, 0)))
+        return cls(own.shares, by_functions(own.rows, bases).swapaxes(1, 2))
 
     def joined(self, window: Window, moments: Moments) -> Window:
         """A window together with its past."""
-        own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
         pull, now = window
+        if not len(self.slopes):
+            return window
+        own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
         return np.concatenate([pull, self.shares @ moments.series]), np.concatenate([now, own])
 
 
@@ -101,6 +100,8 @@ def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
         common = pulls[w:] @ pull.T
         share = np.abs(common).max(axis=(1, 2)) > SMALL * sizes[w] * sizes[w:]
         near = np.flatnonzero(share)
+        if not len(near):
+            continue
         left = common[near] @ own.reshape(most, -1)
         theirs = slopes[w + near].reshape(len(near), -1, m).swapaxes(1, 2)
         block = theirs @ left.reshape(len(near), -1, m)

@@ -7,6 +7,9 @@ error of F moves U by
 
 which vanishes where nothing flows (D = 1), and fades where the body flows on. Rows are followed
 back through these steps (the adjoint of the recursion), all rows of a window at once.
+
+A step is taken for one return. Histories themselves go in strides of ``laws.memory.LARGEST``: where
+frames are further apart, the derivatives are right to some tenths.
 """
 
 from collections.abc import Callable
@@ -30,11 +33,11 @@ class Lasting:
     """Derivatives of the rows of one window by F through U alone, where something flows.
 
     Attributes:
-        times: indices, shape [looks].
-        rows: shape [looks, fields, points, 3, 3].
+        shares: of the times in every look, shape [looks, times].
+        rows: the mean of a look's times, shape [looks, fields, points, 3, 3].
     """
 
-    times: np.ndarray
+    shares: np.ndarray
     rows: np.ndarray
 
 
@@ -45,6 +48,7 @@ def lasting(
     chi: np.ndarray,
     back: Return,
     most: int,
+    every: int = 1,
 ) -> list[Lasting]:
     """Those of every window.
 
@@ -55,13 +59,15 @@ def lasting(
         chi: the windows [s], shape [windows, times].
         back: the return to the yield surface.
         most: matrices that are returned at once.
+        every: neighbouring times that make one look.
     """
     own = inverse(F)
     U = own @ elastic
     points, windows, fields = F.shape[1], len(chi), len(pairing(0))
     held = np.zeros((points, windows, fields, 3, 3))  # derivatives by U
     largest = np.zeros(windows)
-    looks: list[list[tuple[int, np.ndarray]]] = [[] for _ in chi]
+    looks: list[dict[int, np.ndarray]] = [{} for _ in chi]
+    flowing = np.zeros(chi.shape)
     count = max(1, most // points)
     for end in range(len(F), 1, -count):
         first = max(1, end - count)
@@ -74,7 +80,8 @@ def lasting(
             if np.abs(D[n - first] - np.eye(9)).max() > FLOWS:
                 change = through @ before - mu @ _each(U[n].swapaxes(1, 2))
                 for w, rows in zip(alive, change.transpose(1, 2, 0, 3, 4), strict=True):
-                    looks[w].append((n, rows))
+                    looks[w][n // every] = looks[w].get(n // every, 0.0) + rows
+                flowing[alive, n] = 1.0
             held[:, alive] = turned @ through
             inside = np.flatnonzero(chi[:, n])
             if len(inside):
@@ -84,14 +91,21 @@ def lasting(
             largest = np.maximum(largest, size)
             gone = size <= FORGOTTEN * largest
             held[:, gone], largest[gone] = 0.0, 0.0
-    none = np.zeros((0, fields, points, 3, 3))
-    return [
-        Lasting(
-            np.array([n for n, _ in found], dtype=int),
-            np.stack([rows for _, rows in found]) if found else none,
-        )
-        for found in looks
-    ]
+    place = np.arange(len(F)) // every
+    return [_mean(found, row, place) for found, row in zip(looks, flowing, strict=True)]
+
+
+def _mean(found: dict[int, np.ndarray], flowing: np.ndarray, place: np.ndarray) -> Lasting:
+    """The looks of a window from their sums.
+
+    Args:
+        found: sums by look.
+        flowing: whether a time is in one, shape [times].
+        place: which look it would be in, shape [times].
+    """
+    shares = flowing * (place == np.array(list(found), dtype=int)[:, None])
+    parts = [rows / share.sum() for rows, share in zip(found.values(), shares, strict=True)]
+    return Lasting(shares, np.array(parts))
 
 
 def _each(a: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from form_drake.weak.balance import Along, balance, runs
 from form_drake.weak.covariance import Past, track_noise
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
-from form_drake.weak.history import lasting
+from form_drake.weak.history import lasting as lasting_rows
 from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
@@ -202,30 +202,26 @@ class Probe:
         found: np.ndarray = np.tensordot(share, work, axes=1)
         return found
 
-    def noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
-        """Covariance of b - A theta [(N m s)^2] from tracks and forces, rows as in ``rows``.
+    def noise(
+        self, law: Law, values: Values, theta: np.ndarray, *, lasting: bool = False
+    ) -> np.ndarray:
+        """Covariance of b - A theta [(N m s)^2] from tracks and forces, kept rows alone.
 
-        Errors of F before a time are taken not to act at it. That is right where a body flows so much
-        from frame to frame that it forgets; rows of slower flow are held for noisier than they are,
-        which keeps them from outvoting all others.
+        Args:
+            law: the law.
+            values: its constants.
+            theta: coefficients of its terms.
+            lasting: whether what noise leaves in plastic strain counts, see ``weak.history``. Without
+                it errors of F act at their own time alone: rows of slow flow are then held for
+                noisier than they are. Never along traction-free directions.
         """
-        return self._noise(self._track_noise(law, values, theta, self.fit.spread))
-
-    def lasting_noise(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
-        """The same with what noise leaves in plastic strain, see ``form_drake.weak.history``."""
-        # few points will do, and what history takes back must be read where it was added
-        probe = self.coarser
-        return self._noise(
-            probe._track_noise(law, values, theta, self.fit.spread, remembers=not self.released)
-        )
-
-    def _noise(self, tracks: np.ndarray) -> np.ndarray:
+        tracks = self._track_noise(law, values, theta, self.fit.spread, lasting=lasting)
         total = (tracks + self._force_noise())[np.ix_(self.keep, self.keep)]
         found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
         return found
 
     def doubt(self, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
-        """The same from what no track tells, see ``Fit``."""
+        """The same from what no track tells, see ``Fit``, at its own time alone."""
         found: np.ndarray = self._track_noise(law, values, theta, self.fit.doubt)
         return found[np.ix_(self.keep, self.keep)]
 
@@ -236,7 +232,7 @@ class Probe:
         theta: np.ndarray,
         parts: tuple[Spread, ...],
         *,
-        remembers: bool = False,
+        lasting: bool = False,
     ) -> np.ndarray:
         motion = self.motion
         elastic = self._elastic(law, values, motion)
@@ -260,7 +256,7 @@ class Probe:
 
         width = float(np.diff(self.windows.ends, axis=1).min())
         step = float(np.median(np.diff(motion.time)))
-        every = max(1, int(np.ceil(width / step / LOOKS)))
+        every = max(1, int(np.ceil(width / step / LOOKS - 1e-6)))
         at = np.arange(0, len(motion.time), every)
         rates = "rate" in law.needs
         bases = Bases.of(self.fit, self.sampling, parts)
@@ -272,7 +268,9 @@ class Probe:
             )
             for f in self.fields
         ]
-        history = self._history(law, values, theta, bases, every) if remembers else []
+        history = []
+        if lasting and law.flow == "plastic" and not self.released:
+            history = self._history(law, values, theta, bases, every)
         return track_noise(bases, families, every, self.windows, history)
 
     def _history(
@@ -296,8 +294,8 @@ class Probe:
             return np.concatenate(found)
 
         elastic = self._elastic(law, values, motion)
-        found = lasting(motion.F, elastic, pairing, self.windows.chi, back, POINTS)
-        return [Past.of(own, every, bases) for own in found]
+        found = lasting_rows(motion.F, elastic, pairing, self.windows.chi, back, POINTS, every)
+        return [Past.of(own, bases) for own in found]
 
     def _force_noise(self) -> np.ndarray:
         counts = [len(f.names) for f in self.fields]

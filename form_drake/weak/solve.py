@@ -158,20 +158,24 @@ def passed_on(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
     return np.asarray(back @ white @ back.T)
 
 
-def throughout(system: WeakSystem, error: float) -> list[np.ndarray]:
+def throughout(
+    system: WeakSystem, theta: np.ndarray, error: float, counts: Sequence[int]
+) -> list[np.ndarray]:
     """Covariance of each probe's rows from errors that last [(N m s)^2], one of every test field.
 
     Args:
         system: the rows.
-        error: share of their sizes.
+        theta: coefficients, with whose stress an error changes sign.
+        error: share of the sizes of the rows.
+        counts: rows of each probe.
     """
-    found = []
-    for name in dict.fromkeys(row.probe for row in system.rows):
-        own = [n for n, row in enumerate(system.rows) if row.probe == name]
-        fields = np.array([system.rows[n].field for n in own])
-        size = error * system.scale[own]
-        found.append(np.where(fields[:, None] == fields, np.outer(size, size), 0.0))
-    return found
+    size = error * system.scale * np.sign(system.A @ theta)
+    fields = np.array([row.field for row in system.rows])
+    ends = np.cumsum(counts)[:-1]
+    return [
+        np.where(own[:, None] == own, np.outer(part, part), 0.0)
+        for own, part in zip(np.split(fields, ends), np.split(size, ends), strict=True)
+    ]
 
 
 def bounded(A: np.ndarray, b: np.ndarray, by: Weights, floors: np.ndarray) -> Solution:

@@ -75,7 +75,7 @@ def unit_stresses(
         found[:, own] = out.numpy()
 
     parted(part, len(F), ALONE)
-    return found.reshape(-1, *shape, 3, 3)
+    return found.reshape(len(found), *shape, 3, 3)
 
 
 def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
