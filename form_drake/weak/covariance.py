@@ -66,16 +66,15 @@ class Past:
     @classmethod
     def of(cls, own: Lasting, bases: Bases) -> "Past":
         """From the derivatives by F."""
-        if not len(own.rows):
-            size = sum(g.shape[-1] for g in bases.gradient)
-            return cls(own.shares, np.zeros((0, size, 0)))
-        return cls(own.shares, by_functions(own.rows, bases).swapaxes(1, 2))
+        some = len(own.rows) > 0
+        slopes = by_functions(own.rows, bases).swapaxes(1, 2) if some else np.zeros((0, 0, 0))
+        return cls(own.shares, slopes)
 
     def joined(self, window: Window, moments: Moments) -> Window:
         """A window together with its past."""
-        pull, now = window
         if not len(self.slopes):
             return window
+        pull, now = window
         own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
         return np.concatenate([pull, self.shares @ moments.series]), np.concatenate([now, own])
 
