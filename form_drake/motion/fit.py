@@ -13,7 +13,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
-from form_drake.motion.knots import chosen_space, edge, filled, press
+from form_drake.motion.knots import chosen_space, filled, press
+from form_drake.motion.modes import edge
 from form_drake.motion.pace import chosen_time
 from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
 from form_drake.motion.space import RIDGE, Space, paired
@@ -158,7 +159,7 @@ def fit_tracks(
     series = unfollowed(rest, noise, freedom)
     parts = (*parts, Spread(np.sqrt(told)[:, None], back @ Q.T @ series))
     c = space.tied(by_root(space, roots, z.T @ back.T))
-    held = press(space, X, u, valid)
+    held, *_ = press(space, X, u, valid)
     return Fit(space, splines, c, noise, misfit, held, roots, parts, smoothing, response)
 
 

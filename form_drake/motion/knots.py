@@ -8,6 +8,7 @@ points, tell of it. Bases are chosen by the modes: frame by frame the noise woul
 cannot follow, while the balance, which gathers frames too, would see it as a bias.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import permutations, product
 
@@ -16,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
+from form_drake.motion.modes import modes
 from form_drake.motion.space import Space, Symmetry, paired
 from form_drake.motion.splines import Splines, Tensor
 
@@ -34,6 +36,8 @@ LIKE = 0.9  # of the functions of a basis that one has to have to take its place
 KEPT = 0.95  # share of the tracks, best first: one that stands alone says little of the others
 LARGEST = 0.6  # functions for each track and component
 FINEST = 2.5  # splines for each track, of which symmetry makes functions
+SURE = 3.0  # deviations of chance, below which no basis is better than another
+TINY = 1e-100  # [m^2]
 FAINT = 1e-4  # of the first mode, below which one says nothing of a spatial basis
 LOOKS = 24  # frames by which spatial bases are compared
 PASSES = 30  # of filling points that are missing from some frames
@@ -58,71 +62,34 @@ def filled(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> np.
     return u
 
 
-def press(space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Trimmed root mean square error [m] at left-out tracks.
+def press(
+    space: Space, X: np.ndarray, u: np.ndarray, valid: np.ndarray
+) -> tuple[float, float, float]:
+    """Trimmed root mean square error [m] at left-out tracks; at the same tracks, none of them left out,
+    the mean square residual [m^2], and what unit noise alone would make it.
 
     Raises:
         np.linalg.LinAlgError: a dependent basis.
     """
-    Phi, square = space.scalar.matrix(X), np.zeros(len(X))
+    Phi = space.scalar.matrix(X)
+    square, rest, free = np.zeros((3, len(X)))
     for group in space.alike:
         D = group[0].matrix(Phi)
         root = np.linalg.cholesky(space.normal(D, group[0]))
         Q = solve_triangular(root, D.reshape(-1, group[0].size).T, lower=True).T
         own = np.concatenate([u[:, :, block.axes].transpose(1, 2, 0) for block in group], axis=2)
         flat = own.reshape(len(Q), -1)
-        rest = (flat - Q @ (Q.T @ flat)).reshape(own.shape)
+        own = (flat - Q @ (Q.T @ flat)).reshape(own.shape)
         R = Q.reshape(D.shape)
         left = (1.0 + 1e-9) * np.eye(D.shape[1]) - R @ R.swapaxes(1, 2)
         seen = np.tile(valid.T, len(group))[:, None]
-        square += np.sum((np.linalg.solve(left, rest) * seen) ** 2, axis=(1, 2))
-    square /= np.maximum(3.0 * valid.sum(axis=0), 1.0)
-    return float(np.sqrt(np.mean(np.sort(square)[: int(KEPT * len(square))])))
-
-
-def modes(y: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Singular triplets U, S, V^T of what stands out of white noise; the first in any case.
-
-    White noise of n x m entries has singular values up to noise (sqrt n + sqrt m) (Marchenko, Pastur).
-
-    Args:
-        y: shape [frames, series].
-        noise: standard deviation of an entry.
-    """
-    U, S, Vt = np.linalg.svd(y, full_matrices=False)
-    count = max(1, int(np.sum(S > noise * edge(*y.shape))))
-    return U[:, :count], S[:count], Vt[:count]
-
-
-def edge(rows: float, columns: float) -> float:
-    """The largest singular value of a matrix of unit white noise (Marchenko, Pastur)."""
-    return float(np.sqrt(rows) + np.sqrt(columns))
-
-
-def white_noise(u: np.ndarray) -> float:
-    """White noise of one coordinate [m]: the middle singular value of the tracks beside the modes.
-
-    Motion fills a few singular values, noise all of them, and its middle one is known (Gavish and
-    Donoho, "The optimal hard threshold for singular values is 4/sqrt(3)", 2014).
-
-    Args:
-        u: displacements [m], shape [frames, points, 3].
-    """
-    rows, columns = u.reshape(len(u), -1).shape
-    S = np.linalg.svd(u.reshape(rows, columns), compute_uv=False)
-    found = float(np.median(S)) / _middle(rows, columns)
-    rest = S[S <= found * edge(rows, columns)]
-    filled = len(S) - len(rest)
-    return float(np.median(rest)) / _middle(rows - filled, columns - filled)
-
-
-def _middle(rows: int, columns: int) -> float:
-    """Median singular value of a matrix of unit white noise (Marchenko, Pastur)."""
-    share = min(rows, columns) / max(rows, columns)
-    x = np.linspace((1.0 - np.sqrt(share)) ** 2, (1.0 + np.sqrt(share)) ** 2, 2001)
-    x = 0.5 * (x[1:] + x[:-1])
-    below = np.cumsum(np.sqrt((x[-1] - x) * (x - x[0])) / x)
-    return float(np.sqrt(np.interp(0.5 * below[-1], below, x) * max(rows, columns)))
+        square += np.sum((np.linalg.solve(left, own) * seen) ** 2, axis=(1, 2))
+        rest += np.sum((own * seen) ** 2, axis=(1, 2))
+        free += len(group) * np.trace(left, axis1=1, axis2=2) / 3.0
+    count = np.maximum(3.0 * valid.sum(axis=0), 1.0)
+    kept = np.argsort(square / count)[: int(KEPT * len(X))]
+    error, rest = (np.mean((s / count)[kept]) for s in (square, rest))
+    return float(np.sqrt(error)), float(rest) + TINY, float(np.mean(free[kept]))
 
 
 def looked_at(u: np.ndarray, valid: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +155,7 @@ class _Bases:
         self._places = [len(np.unique(np.round(s, 3))) for s in share.T]
         held = [f.condition == "bonded" for f in body.faces]
         self._held = [(held[2 * n], held[2 * n + 1]) for n in range(3)]
-        self._known: dict[tuple[tuple[int, ...], Symmetry], float] = {}
+        self._known: dict[tuple[tuple[int, ...], Symmetry], tuple[float, float, float]] = {}
         self._axes: dict[tuple[int, int], Splines] = {}
         self._centred: dict[Symmetry, np.ndarray] = {}
         self._tensors: dict[tuple[int, ...], Tensor] = {}
@@ -208,17 +175,69 @@ class _Bases:
 
     def error(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
         """Error at left-out tracks [m]; infinite for more functions than the tracks could tell."""
+        return self._left_out(rungs, symmetry)[0]
+
+    def _left_out(self, rungs: tuple[int, ...], symmetry: Symmetry) -> tuple[float, float, float]:
         key = (rungs, symmetry)
         if key not in self._known:
             X, _, valid = self._tracks
             space = self.space(rungs, symmetry)
             told = zip(space.scalar.axes, self._places, strict=True)
             few = space.scalar.size <= FINEST * len(X) and all(s.size <= n for s, n in told)
-            self._known[key] = np.inf
+            self._known[key] = np.inf, np.inf, 1.0
             with suppress(np.linalg.LinAlgError):
                 if few and space.size <= 3.0 * LARGEST * len(X):
                     self._known[key] = press(space, X, self._whole(space), valid)
         return self._known[key]
+
+    def _missed(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
+        """Mean square error at left-out tracks [m^2], less the share that noise has in the residual."""
+        error, rest, free = self._left_out(rungs, symmetry)
+        return error**2 * (1.0 - free * self._noise**2 / rest)
+
+    def _refined(self, rungs: tuple[int, ...]) -> float:
+        """Sum of the squares of the distances of knots [m^2]."""
+        size = [s.size for s in self.space(rungs, Symmetry()).scalar.axes]
+        return float(np.sum(((self._body.high - self._body.low) / size) ** 2))
+
+    def _step(
+        self, now: tuple[int, ...], symmetry: Symmetry, limit: float
+    ) -> tuple[int, ...] | None:
+        """The step that gains most, where chance decides that the one that refines most for its
+        functions; if that is too dear, the best of those that surely gain."""
+        nexts = {symmetry.evened(tuple((np.array(now) + c).tolist())) for c in CLIMBS}
+        near = [r for r in sorted(nexts) if max(r) < len(LADDER)]
+        near = [r for r in near if np.isfinite(self.error(r, symmetry))]
+        found = self._best(now, near, symmetry)
+        if found is None or self.error(found, symmetry) < limit:
+            return found
+        sure = [r for r in near if not self._alike(now, r, now, symmetry)]
+        return self._best(now, [r for r in sure if self.error(r, symmetry) < limit], symmetry)
+
+    def _best(
+        self, now: tuple[int, ...], tried: Sequence[tuple[int, ...]], symmetry: Symmetry
+    ) -> tuple[int, ...] | None:
+        if not tried:
+            return None
+        first = min(tried, key=lambda r: self._missed(r, symmetry))
+        alike = [r for r in tried if self._alike(r, first, now, symmetry)]
+        refined = self._refined(now)
+        return max(
+            alike, key=lambda r: (refined - self._refined(r)) / self._added(now, r, symmetry)
+        )
+
+    def _alike(
+        self, one: tuple[int, ...], other: tuple[int, ...], now: tuple[int, ...], symmetry: Symmetry
+    ) -> bool:
+        """Whether ``one`` misses no more than ``other`` but for chance, both with ``now`` in them."""
+        u, (error, rest, _) = self._tracks[1], self._left_out(other, symmetry)
+        free = (self._added(now, one, symmetry) + self._added(now, other, symmetry)) * len(u)
+        chance = SURE * np.sqrt(2.0 * free) * self._noise**2 / u.size
+        least = self._missed(other, symmetry)
+        return bool(self._missed(one, symmetry) <= least + chance * error**2 / rest)
+
+    def _added(self, now: tuple[int, ...], to: tuple[int, ...], symmetry: Symmetry) -> int:
+        return max(self.space(to, symmetry).size - self.space(now, symmetry).size, 1)
 
     def _whole(self, space: Space) -> np.ndarray:
         """The tracks less their drift, what is missing as a space fills it; without gaps, remembered."""
@@ -235,18 +254,14 @@ class _Bases:
         return float(np.hypot(SLACK * lowest, ROOM * self._noise))
 
     def climbed(self, symmetry: Symmetry, floor: float) -> tuple[tuple[int, ...], float]:
-        """Climbs where the error is least, while it stays near the least found."""
+        """Climbs where a basis gains most, while the error stays near the least found."""
         best: tuple[int, ...] = (0, 0, 0)
         lowest = self.error(best, symmetry)
         while lowest > floor:
-            nexts = {symmetry.evened(tuple((np.array(best) + c).tolist())) for c in CLIMBS}
-            tried = {r: self.error(r, symmetry) for r in nexts if max(r) < len(LADDER)}
-            if not tried:
+            step = self._step(best, symmetry, self.limit(lowest))
+            if step is None:
                 break
-            candidate = min(sorted(tried), key=lambda r: tried[r])
-            if not tried[candidate] < self.limit(lowest):
-                break
-            best, lowest = candidate, min(lowest, tried[candidate])
+            best, lowest = step, min(lowest, self.error(step, symmetry))
         return best, lowest
 
     def traded(self, rungs: tuple[int, ...], symmetry: Symmetry, floor: float) -> tuple[int, ...]:

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import eigvals_banded
 
-from form_drake.motion.knots import modes
+from form_drake.motion.modes import modes
 from form_drake.motion.splines import Splines
 
 TIME_DEGREE = 4

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from form_drake.motion.knots import modes
+from form_drake.motion.modes import modes
 
 FLAT = 1e-9  # of the largest roughness, below which a function has none
 FACTORS = 200  # of smoothing that are compared

@@ -3,7 +3,7 @@
 import numpy as np
 
 from form_drake.motion.body import Body
-from form_drake.motion.knots import white_noise
+from form_drake.motion.modes import white_noise
 from form_drake.records import Recording
 
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
