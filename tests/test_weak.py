@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,13 +14,14 @@ import pytest
 from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.diagnose import ProbeReading
 from form_drake.identify import WeakOptions
+from form_drake.identify.worth import noise_bias
 from form_drake.laws import law_named
 from form_drake.motion import Motion, Sampling, body, fit_tracks
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.force import fast, measured
-from form_drake.weak.solve import Weights
+from form_drake.weak.solve import Weights, solved
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
 
@@ -427,3 +429,22 @@ def test_an_error_that_all_rows_share_is_part_of_their_covariance():
     for own, block in zip((slice(0, 7), slice(7, 19)), noise, strict=True):
         whole[own, own] = block + np.outer(error[own], error[own])
     assert found.T @ found == pytest.approx(np.linalg.inv(whole), rel=1e-9, abs=1e-12)
+
+
+def test_noise_of_columns_meets_what_noise_has_left_of_the_rows():
+    """One column, each entry with noise of its own: the variance that is of second order is known."""
+    a, theta, sigma, rows = 1.0, 3.0, 0.4, 400
+    rng = np.random.default_rng(1)
+    A, b = np.full((rows, 1), a) + sigma * rng.standard_normal((rows, 1)), np.full(rows, theta * a)
+    problem = SimpleNamespace(
+        unknowns=SimpleNamespace(keys=("eta",)),
+        probes=(SimpleNamespace(drawn=lambda rng: sigma * rng.standard_normal((rows, 1))),),
+        rows=lambda _: (A, b),
+        reduced=lambda A, b: (A, b),
+        disturbed=lambda _, drawn, part: (A + part * drawn[0], b),
+    )
+    by = Weights((theta * sigma * np.eye(rows),), 0.0)
+    _, found = noise_bias(problem, np.zeros(0), A, by, 400, 0)
+    left = b - A[:, 0] * solved(A, b, by).theta
+    wanted = sigma**2 * (left @ left) / np.sum(A**2) ** 2
+    assert found[0, 0] == pytest.approx(wanted, rel=0.15)

@@ -230,7 +230,8 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     keys, point, spread = parameters(problem, phi, eta)
     bias = np.zeros(len(phi) + len(eta))
     if options.draws and options.estimator == "gls":
-        bias = noise_bias(problem.coarser, eta, J, by, options.draws, options.seed)
+        bias, mixed = noise_bias(problem.coarser, eta, J, by, options.draws, options.seed)
+        free = replace(free, covariance=free.covariance + mixed)
     value = parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
     covariance = spread @ free.covariance @ spread.T
     given = {k: v for k, v in problem.unknowns.known.items() if k in problem.unknowns.law.keys}

@@ -18,6 +18,8 @@ LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
 # nonlinear constant; and the part of that above which others are named beside one that is lost
 LARGEST_SHARE, LARGEST_LOG = 0.5, 1.0
 BESIDE = 0.2
+# of the variance of an answer, above which what noise of the columns adds to it is told by more draws
+SCATTER, MORE = 0.1, 4
 
 
 def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution) -> None:
@@ -70,11 +72,13 @@ def parameters(
 
 def noise_bias(
     problem: Problem, eta: np.ndarray, J: np.ndarray, by: Weights, draws: int, seed: int
-) -> np.ndarray:
-    """What noise of the size that the data hold adds to (phi, eta) on average.
+) -> tuple[np.ndarray, np.ndarray]:
+    """What noise of the size that the data hold adds to (phi, eta) on average, and to its covariance.
 
     Antithetic pairs: the linear part cancels, errors-in-variables and curvature remain. They grow
     with the square of the noise, so that a share of a draw that would fold a body tells them too.
+    Noise of the columns meets what noise has left of the rows: of first order in either, this
+    scatters as well, and counts where columns are hardly larger than their noise.
 
     Raises:
         Unidentifiable: columns that are noise for the most part.
@@ -83,9 +87,9 @@ def noise_bias(
     unknowns = problem.unknowns
     count = len(unknowns.keys)
 
-    def solution(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    def solution(rows: Rows) -> tuple[np.ndarray, Solution]:
         A, b = problem.reduced(*rows)
-        return A, solved(np.hstack([A, J[:, count:]]), b, by).theta
+        return A, solved(np.hstack([A, J[:, count:]]), b, by)
 
     def pair(drawn: Sequence[Drawn], part: float) -> tuple[list[Any], float]:
         both = [problem.disturbed(eta, drawn, sign * part) for sign in (1.0, -1.0)]
@@ -93,20 +97,27 @@ def noise_bias(
         return (found, part) if len(found) == 2 else pair(drawn, 0.5 * part)
 
     columns, still = solution(problem.rows(eta))
-    shifts, noise = [], np.zeros((count, count))
-    for _ in range(draws):
+    left = by.white(still.residual)
+    shifts: list[np.ndarray] = []
+    met: list[np.ndarray] = []
+    noise = np.zeros((count, count))
+    least = SCATTER * np.diag(still.covariance)
+    while len(met) < draws or (
+        len(met) < MORE * draws and np.any(np.mean(np.square(met), axis=0) > least)
+    ):
         drawn = [p.drawn(rng) for p in problem.probes]
         (up, down), part = pair(drawn, 1.0)
         change = 0.5 * (up[0] - down[0]) / part
-        noise += change.T @ change / draws
-        shifts.append((0.5 * (up[1] + down[1]) - still) / part**2)
+        noise += change.T @ change
+        shifts.append((0.5 * (up[1].theta + down[1].theta) - still.theta) / part**2)
+        met.append(still.covariance[:, :count] @ (by.white(change).T @ left))
     if count:
-        share, directions = eigh(noise, columns.T @ columns)
+        share, directions = eigh(noise / len(met), columns.T @ columns)
         if share[-1] > LARGEST_NOISE:
             weight = np.abs(directions[:, -1]) * np.linalg.norm(columns, axis=0)
             lost = [k for k, w in zip(unknowns.keys, weight, strict=True) if w > 0.3 * weight.max()]
             raise Unidentifiable.of(unknowns.law, _named(unknowns, lost), "noise hides them")
-    return np.mean(shifts, axis=0)
+    return np.mean(shifts, axis=0), np.mean([np.outer(m, m) for m in met], axis=0)
 
 
 def _named(unknowns: Unknowns, keys: Sequence[str]) -> list[str]:
