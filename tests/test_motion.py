@@ -138,6 +138,27 @@ def test_where_noise_hides_what_a_basis_misses_no_axis_runs_ahead(seed):
     assert np.sqrt(np.mean(missed**2)) * 1e-3 < 0.05 * noise
 
 
+def test_an_axis_along_which_nothing_varies_is_not_refined():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1.0, 1.0, (400, 3))
+    waves = np.zeros_like(X)
+    waves[:, 0] = np.sin(3.0 * X[:, 1])
+    size, noise = 1e-3 * np.sin(np.linspace(0.1, 2.0, 60))[:, None, None], 2e-4
+    u = size * waves + noise * rng.standard_normal((60, *X.shape))
+    recording = Recording.from_arrays(
+        np.linspace(0.0, 1.0, 60),
+        X + u,
+        p_reference=X,
+        density=1000.0,
+        geometry={"shape": "box", "low": "-1 -1 -1", "high": "1 1 1"},
+        contact={"other": "unknown"},
+        law="newtonian",
+    )
+    space = chosen_space(X, u, np.ones(u.shape[:2], dtype=bool), body(recording), noise)
+    x, y, z = (s.size for s in space.scalar.axes)
+    assert x == z == 2 and y >= 8
+
+
 def test_unlike_faces_admit_no_mirror():
     shape = body(made())
     assert {s.mirrors for s in Symmetry.wider(shape, Symmetry())} == {(0,), (1,)}

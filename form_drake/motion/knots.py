@@ -195,16 +195,30 @@ class _Bases:
         error, rest, free = self._left_out(rungs, symmetry)
         return error**2 * (1.0 - free * self._noise**2 / rest)
 
-    def _refined(self, rungs: tuple[int, ...]) -> float:
-        """Sum of the squares of the distances of knots [m^2]."""
-        size = [s.size for s in self.space(rungs, Symmetry()).scalar.axes]
-        return float(np.sum(((self._body.high - self._body.low) / size) ** 2))
+    def _refined(self, rungs: tuple[int, ...], axes: Sequence[int]) -> float:
+        """Sum of the squares of the distances of knots along some axes [m^2]."""
+        size = [self._axis(n, r).size for n, r in enumerate(rungs)]
+        return float(np.sum((((self._body.high - self._body.low) / size) ** 2)[list(axes)]))
+
+    def _needed(self, now: tuple[int, ...], symmetry: Symmetry) -> list[int]:
+        """Axes along which steps that were taken, or the next ones, surely gain."""
+
+        def along(axis: int, rung: int) -> tuple[int, ...]:
+            both = symmetry.exchange if axis in symmetry.exchange else (axis,)
+            return tuple(rung if a in both else n for a, n in enumerate(now))
+
+        def gains(axis: int) -> bool:
+            less = along(axis, 0)
+            more = [now] if now[axis] else [along(axis, 1), along(axis, 2)]
+            return any(not self._alike(less, r, less, symmetry) for r in more)
+
+        return [axis for axis in range(3) if gains(axis)]
 
     def _step(
         self, now: tuple[int, ...], symmetry: Symmetry, limit: float
     ) -> tuple[int, ...] | None:
         """The step that gains most, where chance decides that the one that refines most for its
-        functions; if that is too dear, the best of those that surely gain."""
+        functions, along axes that are needed; if that is too dear, the best of those that surely gain."""
         nexts = {symmetry.evened(tuple((np.array(now) + c).tolist())) for c in CLIMBS}
         near = [r for r in sorted(nexts) if max(r) < len(LADDER)]
         near = [r for r in near if np.isfinite(self.error(r, symmetry))]
@@ -221,10 +235,15 @@ class _Bases:
             return None
         first = min(tried, key=lambda r: self._missed(r, symmetry))
         alike = [r for r in tried if self._alike(r, first, now, symmetry)]
-        refined = self._refined(now)
-        return max(
-            alike, key=lambda r: (refined - self._refined(r)) / self._added(now, r, symmetry)
-        )
+        axes = self._needed(now, symmetry)
+
+        def worth(r: tuple[int, ...]) -> float:
+            gain = self._refined(now, axes) - self._refined(r, axes)
+            return gain / self._added(now, r, symmetry)
+
+        found = max(alike, key=worth)
+        sure = not self._alike(now, found, now, symmetry)
+        return found if sure or worth(found) > 0.0 else None
 
     def _alike(
         self, one: tuple[int, ...], other: tuple[int, ...], now: tuple[int, ...], symmetry: Symmetry
