@@ -232,6 +232,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     if options.draws and options.estimator == "gls":
         bias, mixed = noise_bias(problem.coarser, eta, J, by, options.draws, options.seed)
         free = replace(free, covariance=free.covariance + mixed)
+        refuse(problem, system, phi, free)
     value = parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
     covariance = spread @ free.covariance @ spread.T
     given = {k: v for k, v in problem.unknowns.known.items() if k in problem.unknowns.law.keys}
