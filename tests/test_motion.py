@@ -15,7 +15,7 @@ from form_drake.motion import body, fit_tracks
 from form_drake.motion.fit import by_root
 from form_drake.motion.knots import chosen_space
 from form_drake.motion.modes import white_noise
-from form_drake.motion.pace import chosen_time
+from form_drake.motion.pace import chosen_time, moments
 from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
@@ -258,7 +258,7 @@ def test_the_error_of_a_mode_is_that_of_its_field_and_of_its_series():
     field = true[0] / np.linalg.norm(true[0])
 
     def smoothed(z):
-        smoothing, spread = smoothing_of(z, roughness, np.ones(50), 1.0)
+        smoothing, spread = smoothing_of(z, roughness, np.ones(50), 1.0, np.zeros(30))
         return smoothing(z), spread
 
     made = [smoothed(true + rng.standard_normal(true.shape)) for _ in range(200)]
@@ -274,6 +274,45 @@ def test_the_error_of_a_mode_is_that_of_its_field_and_of_its_series():
     for project in (lambda e: others @ e @ field, lambda e: series @ e):
         measured, claimed = (np.mean([project(e) ** 2 for e in some]) for some in (errors, drawn))
         assert claimed == pytest.approx(measured, rel=0.35)
+
+
+def test_slow_motion_below_the_noise_is_kept_and_its_loss_is_claimed():
+    """Of what stands out in no mode, each octave is smoothed by its own size."""
+    rng = np.random.default_rng(1)
+    roughness, octaves = np.geomspace(1.0, 1e4, 80), np.repeat([0, 1, 2, 3], (10, 10, 20, 40))
+    slow = octaves == 0
+    strong = 300.0 * np.outer(np.eye(80)[0], 1.0 / np.sqrt(roughness))
+
+    def drawn(octaves):
+        true = strong + slow[:, None] * rng.standard_normal((80, 80)) / np.sqrt(roughness / 3.0)
+        z = true + rng.standard_normal(true.shape)
+        smoothing, spread = smoothing_of(z, roughness, np.ones(80), 1.0, octaves)
+        size = sum(
+            part.scale**2 @ part.time_root.T**2
+            if part.mix is None
+            else part.mix**2
+            @ np.broadcast_to(part.scale**2, (len(part.scale), 80))
+            @ part.time_root.T**2
+            for part in spread
+        )
+        return (smoothing(z) - true)[slow] ** 2, size.T[slow]
+
+    for given, least, most in ((octaves, 0.7, 1.4), (np.zeros(80), 2.0, np.inf)):
+        error, claimed = np.mean([drawn(given) for _ in range(20)], axis=(0, 2, 3))
+        assert least < error / claimed < most
+
+
+def test_moments_are_ordered_by_their_frequency():
+    time = np.linspace(0.0, 2.0, 101)
+    splines = Splines(np.linspace(0.0, 2.0, 41), 4)
+    series, back, octaves = moments(splines, time)
+    np.testing.assert_allclose(series.T @ series, np.eye(splines.size), atol=1e-10)
+    np.testing.assert_allclose(splines.matrix(time) @ back, series, atol=1e-10)
+    assert np.all(np.diff(octaves) >= 0)
+    for half_waves, octave in ((1, 0), (3, 0), (5, 1), (10, 2), (20, 3)):
+        wave = np.cos(np.pi * half_waves * time / 2.0)
+        share = np.array([np.sum((series[:, octaves == n].T @ wave) ** 2) for n in range(6)])
+        assert np.argmax(share) == octave
 
 
 def test_half_of_a_mirrored_body_is_enough(monkeypatch):

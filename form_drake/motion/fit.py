@@ -15,7 +15,7 @@ from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
 from form_drake.motion.knots import chosen_space, filled, press
 from form_drake.motion.modes import edge
-from form_drake.motion.pace import chosen_time
+from form_drake.motion.pace import chosen_time, moments
 from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
@@ -145,12 +145,14 @@ def fit_tracks(
         noise = min(spread, jitter(recording.time, rest, valid) / np.sqrt(freedom))
     follow = max(noise, FOLLOWED * spread)
     splines = chosen_time(time, white, follow) if like is None else like.time
-    Q, R = np.linalg.qr(splines.matrix(time))
-    z, back = Q.T @ white, np.linalg.inv(R)
+    Q, back, octaves = moments(splines, time)
+    z = Q.T @ white
     count = max(1.0 - space.size * splines.size / (3.0 * len(X) * len(time)), 1e-3)
     misfit = float(np.sqrt(np.mean(left(Q @ z)[valid] ** 2) / count))
     told = np.maximum(1.0 - RIDGE * len(X) * roughness, 0.0)  # the rest the ridge holds, not data
-    smoothing, parts = (like.smoothing, ()) if like else smoothing_of(z, roughness, told, follow)
+    smoothing, parts = (
+        (like.smoothing, ()) if like else smoothing_of(z, roughness, told, follow, octaves)
+    )
     z, response = smoothing(z), smoothing.spread(told)
     response, parts = (
         tuple(replace(part, time_root=noise * back @ part.time_root) for part in own)

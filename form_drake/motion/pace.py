@@ -1,4 +1,4 @@
-"""Splines in time, as dense as the motion asks for and the frames allow."""
+"""Splines in time, as dense as the motion asks for and the frames allow, and their frequencies."""
 
 from itertools import pairwise
 
@@ -10,6 +10,7 @@ from form_drake.motion.splines import Splines
 
 TIME_DEGREE = 4
 WORST = 100.0  # condition of a basis in time
+SLOWEST = 2.0  # half waves in the recording, below which moments belong to the slowest octave
 
 
 def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
@@ -58,3 +59,21 @@ def _told(breaks: np.ndarray, time: np.ndarray) -> bool:
     band = [np.pad(np.diagonal(gram, n), (n, 0)) for n in range(TIME_DEGREE, -1, -1)]
     least, *_, most = eigvals_banded(band)
     return bool(most < WORST**2 * least)
+
+
+def moments(splines: Splines, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Series of a basis, orthonormal in the samples, whose rates are orthogonal; the slowest first.
+
+    Args:
+        splines: the basis.
+        time: stamps of the samples [s].
+
+    Returns:
+        The series, shape [frames, moments]; their coefficients in the basis, shape [size, moments];
+        the octave of their frequency, counted from one wave in the recording, shape [moments].
+    """
+    Q, R = np.linalg.qr(splines.matrix(time))
+    back = np.linalg.inv(R)
+    square, turn = np.linalg.eigh(back.T @ splines.grams[1] @ back)
+    waves = np.sqrt(np.maximum(len(time) * square, 0.0)) / np.pi
+    return Q @ turn, back @ turn, np.floor(np.log2(np.maximum(waves / SLOWEST, 1.0)))

@@ -7,6 +7,7 @@ import numpy as np
 from form_drake.motion.modes import modes
 
 FLAT = 1e-9  # of the largest roughness, below which a function has none
+LEAST = 0.5  # moments that modes leave of an octave, for which a smoothing is chosen
 FACTORS = 200  # of smoothing that are compared
 # times the likely variance that a mode is granted: what smoothing costs must stay below the noise
 UNDER = 10.0
@@ -35,7 +36,7 @@ class Smoothing:
     Attributes:
         modes: orthonormal series of the modes that stand out, shape [moments, modes].
         own: share that is kept of every function in a mode, shape [modes, functions].
-        rest: the same in all other series, shape [functions].
+        rest: the same in all other series, shape [moments, functions].
     """
 
     modes: np.ndarray
@@ -45,27 +46,31 @@ class Smoothing:
     @classmethod
     def none(cls, functions: int) -> "Smoothing":
         """Nothing is smoothed."""
-        return cls(np.zeros((0, 0)), np.zeros((0, functions)), np.ones(functions))
+        return cls(np.zeros((0, 0)), np.zeros((0, functions)), np.ones((1, functions)))
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """Smoothed coefficients, shape of z [moments, functions]."""
         along = self.modes.T @ z
-        return np.asarray(self.modes @ (self.own * along) + self.rest * (z - self.modes @ along))
+        weak = self.rest * (z - self.modes @ along)
+        return np.asarray(self.modes @ (self.own * along - self.modes.T @ weak) + weak)
 
     def spread(self, told: np.ndarray) -> tuple[Spread, ...]:
         """Of what white noise becomes; ``told`` is its variance, shape [functions]."""
         size = np.sqrt(told)
         others = np.eye(len(self.modes)) - self.modes @ self.modes.T
         return (
-            Spread((size * self.rest)[:, None], others),
+            Spread((size * self.rest).T, others),
             Spread((size * self.own).T, self.modes),
         )
 
 
 def smoothing_of(
-    z: np.ndarray, roughness: np.ndarray, told: np.ndarray, noise: float
+    z: np.ndarray, roughness: np.ndarray, told: np.ndarray, noise: float, octaves: np.ndarray
 ) -> tuple[Smoothing, tuple[Spread, ...]]:
-    """Smoothing of coefficients of white noise: each mode by itself, and the rest together.
+    """Smoothing of coefficients of white noise: each mode by itself, and the rest by octaves.
+
+    What stands out of the noise in no mode is slow for the most part: smoothed alike at all
+    frequencies, it would be lost where a window gathers it.
 
     What noise does to a mode is, to first order, what it adds to the field at the mode's series and
     to the series at the mode's field.
@@ -75,6 +80,7 @@ def smoothing_of(
         roughness: shape [functions].
         told: variance of each coefficient per square of the noise, at most 1, shape [functions].
         noise: standard deviation of a coefficient that the data tell [m].
+        octaves: of the moments' frequencies, shape [moments].
 
     Returns:
         The smoothing, and the error of the coefficients per unit noise by moments: the share that is
@@ -82,21 +88,24 @@ def smoothing_of(
     """
     U, S, Vt = modes(z, noise)
     weak = z - (U * S) @ Vt
-    count = len(z) - len(S)
-    rest = np.ones(len(roughness))
-    if count > 0:
-        rest = _share(np.sum(weak**2, axis=0) / count, roughness, noise)
+    free = 1.0 - np.sum(U**2, axis=1)
+    rest = np.ones(z.shape)
+    for octave in np.unique(octaves):
+        within = octaves == octave
+        if (count := free[within].sum()) > LEAST:
+            rest[within] = _share(np.sum(weak[within] ** 2, axis=0) / count, roughness, noise)
     shares, scales, mix = [], [], []
     for size, mode in zip(S, Vt, strict=True):
         own = _share((size * mode) ** 2, roughness, noise)
-        own = np.maximum(own * UNDER / (1.0 + own * (UNDER - 1.0)), rest)
+        own = own * UNDER / (1.0 + own * (UNDER - 1.0))
         shares.append(own)
-        scales.append(np.sqrt(told * (own - rest)))
-        mix.append(np.sqrt((own - rest) * (told @ mode**2)) * mode)
+        scales.append(np.sqrt(told * own))
+        beside = np.maximum(own - rest.mean(axis=0), 0.0)
+        mix.append(np.sqrt(beside * (told @ mode**2)) * mode)
     others = np.eye(len(z)) - U @ U.T
     own = np.array(shares).reshape(len(S), len(roughness))
     return Smoothing(U, own, rest), (
-        Spread(np.sqrt(told * rest)[:, None], np.eye(len(z))),
+        Spread(np.sqrt(told * rest).T, others),
         Spread(np.array(scales).reshape(own.shape).T, U),
         Spread(np.ones((len(mix), 1)), others, np.array(mix).reshape(own.shape).T),
     )
