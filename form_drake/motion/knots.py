@@ -201,7 +201,7 @@ class _Bases:
         return float(np.sum((((self._body.high - self._body.low) / size) ** 2)[list(axes)]))
 
     def _needed(self, now: tuple[int, ...], symmetry: Symmetry) -> list[int]:
-        """Axes along which steps that were taken, or the next ones, surely gain."""
+        """Axes along which steps that were taken, or the next ones, surely gain or cannot be told."""
 
         def along(axis: int, rung: int) -> tuple[int, ...]:
             both = symmetry.exchange if axis in symmetry.exchange else (axis,)
@@ -210,7 +210,8 @@ class _Bases:
         def gains(axis: int) -> bool:
             less = along(axis, 0)
             more = [now] if now[axis] else [along(axis, 1), along(axis, 2)]
-            return any(not self._alike(less, r, less, symmetry) for r in more)
+            untold = not all(np.isfinite(self.error(r, symmetry)) for r in more)
+            return untold or any(not self._alike(less, r, less, symmetry) for r in more)
 
         return [axis for axis in range(3) if gains(axis)]
 
