@@ -158,14 +158,17 @@ class _Bases:
         self._known: dict[tuple[tuple[int, ...], Symmetry], tuple[float, float, float]] = {}
         self._axes: dict[tuple[int, int], Splines] = {}
         self._centred: dict[Symmetry, np.ndarray] = {}
-        self._tensors: dict[tuple[int, ...], Tensor] = {}
+        self._spaces: dict[tuple[tuple[int, ...], Symmetry], Space] = {}
 
     def space(self, rungs: tuple[int, ...], symmetry: Symmetry) -> Space:
         """The basis at a step of the ladder along every axis."""
-        if rungs not in self._tensors:
+        plain, own = (rungs, Symmetry()), (rungs, symmetry)
+        if plain not in self._spaces:
             a, b, c = (self._axis(n, r) for n, r in enumerate(rungs))
-            self._tensors[rungs] = Tensor((a, b, c))
-        return Space(self._tensors[rungs], symmetry)
+            self._spaces[plain] = Space(Tensor((a, b, c)))
+        if own not in self._spaces:
+            self._spaces[own] = Space(self._spaces[plain].scalar, symmetry)
+        return self._spaces[own]
 
     def _axis(self, n: int, rung: int) -> Splines:
         if (n, rung) not in self._axes:

@@ -173,7 +173,7 @@ class Space:
                 groups.append([block])
         return tuple(tuple(group) for group in groups)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of functions of all components."""
         return sum(block.size for block in self.blocks)
