@@ -10,6 +10,7 @@ import pytest
 from form_drake import LAWS, __main__, read
 from form_drake.bench import rubber
 from form_drake.bench.curves import MODES, Curve, read_curves, recordings
+from form_drake.identify import Unidentifiable
 
 TRELOAR = Path(__file__).parent / "data" / "rubber" / "treloar1944.csv"
 HEAD = "mode,stretch,nominal_stress_Pa\n"
@@ -77,6 +78,14 @@ def test_a_curve_made_by_a_law_gives_the_law_back(mode):
     assert curve.predicted(law, values) == pytest.approx(exact, rel=1e-9)
     answer = rubber.fitted({mode: curve}, "neo-hookean", [mode])
     assert answer.material.values["C10"] == pytest.approx(2.0e5, rel=1e-3)
+
+
+def test_simple_shear_alone_does_not_tell_constants_of_which_it_sees_the_sum():
+    strain = np.array([0.05, 0.1, 0.2, 0.3])
+    curve = Curve("shear", strain, 4e5 * strain + 2e3 * np.sin(40.0 * strain))
+    with pytest.raises(Unidentifiable) as refused:
+        rubber.fitted({"shear": curve}, "mooney-rivlin", ["shear"])
+    assert set(refused.value.keys) == {"C10", "C01"}
 
 
 @pytest.mark.parametrize("law", REFERENCE)

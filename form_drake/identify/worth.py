@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from form_drake.identify.problem import Drawn, Problem, Rows
 from form_drake.identify.solve import Unidentifiable
 from form_drake.laws.values import LAME
-from form_drake.weak.solve import Solution, Weights, solved
+from form_drake.weak.solve import LEAST_ERROR, Solution, Weights, solved
 from form_drake.weak.system import WeakSystem
 from form_drake.weak.unknowns import Unknowns
 
@@ -18,12 +18,14 @@ LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
 # nonlinear constant; and the part of that above which others are named beside one that is lost
 LARGEST_SHARE, LARGEST_LOG = 0.5, 1.0
 BESIDE = 0.2
+# beyond it columns differ by less than what interpolation and quadrature leave of each
+LARGEST_CONDITION = 1.0 / LEAST_ERROR
 # of the variance of an answer, above which what noise of the columns adds to it is told by more draws
 SCATTER, MORE = 0.1, 4
 
 
 def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution) -> None:
-    """Refuse parameters whose deviation contributes as much stress as there is.
+    """Refuse parameters whose deviation contributes as much stress as there is, and alike columns.
 
     Raises:
         Unidentifiable: naming them.
@@ -38,7 +40,8 @@ def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution
     worth = np.append(
         deviation[: len(phi)] * own / (LARGEST_SHARE * level), deviation[len(phi) :] / LARGEST_LOG
     )
-    if worth.max() > 1.0:
+    if worth.max() > 1.0 or free.condition > LARGEST_CONDITION:
+        worth /= min(worth.max(), 1.0)
         keys = (*unknowns.keys, *unknowns.searched)
         lost = [k for k, w in zip(keys, worth, strict=True) if w > BESIDE]
         raise Unidentifiable.of(unknowns.law, _named(unknowns, lost))
