@@ -6,6 +6,7 @@ import json
 import os
 import re
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from form_drake.libraries import explained
@@ -75,11 +76,29 @@ def _run(arguments: list[str]) -> None:
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+    _quietly(wp.init)
     if sorted(arguments) in (["--version"], ["--json", "--version"]):
         print(versions(as_json="--json" in arguments))
     else:
         _parse(arguments).run()
     sys.stdout.flush()
+
+
+def _quietly(action: Callable[[], object]) -> None:
+    """Do something whose libraries write to standard error where a driver is missing."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # it is closed
+        action()
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        action()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _unheard() -> None:

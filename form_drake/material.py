@@ -99,9 +99,9 @@ class Material:
     def _derived_std(self, function: Callable[[Values], float]) -> float | None:
         if not self.keys:
             return None
-        slopes = []
-        for key in self.keys:
-            h = 1e-6 * max(abs(self.values[key]), 1e-12)
+        slopes, deviation = [], np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        for key, std in zip(self.keys, deviation, strict=True):
+            h = max(1e-6 * abs(self.values[key]), 1e-4 * std, 1e-18)
             ends = [function({**self.values, key: self.values[key] + s * h}) for s in (1, -1)]
             slopes.append((ends[0] - ends[1]) / (2.0 * h))
         g = np.array(slopes)

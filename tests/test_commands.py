@@ -457,8 +457,7 @@ def test_a_closed_pipe_is_silent(tmp_path, arguments):
     with open(writing, "w") as pipe:
         options = {"stdout": pipe, "stderr": subprocess.PIPE, "text": True, "timeout": 300}
         done = subprocess.run(command, cwd=tmp_path, check=False, **options)
-    said = [line for line in done.stderr.splitlines() if not line.startswith("Warp CUDA")]
-    assert (done.returncode, said) == (141, [])
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 def test_a_full_disk_leaves_nothing(capsys, files, here, monkeypatch):
@@ -643,9 +642,7 @@ def test_a_process_without_cameras_identifies_and_predicts(files, tmp_path):
 def test_a_process_refuses_in_one_line(tmp_path):
     done = process(tmp_path, "-m", "form_drake", "identify", "missing.h5", "--json")
     assert (done.returncode, done.stdout) == (2, "")
-    lines = [line for line in done.stderr.splitlines() if line.startswith("form-drake")]
-    assert lines == ["form-drake: missing.h5: no such file"]
-    assert "Traceback" not in done.stderr
+    assert done.stderr.splitlines() == ["form-drake: missing.h5: no such file"]
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ own, which only this bench opens.
 """
 
 import time
+import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from form_drake.identify import (
     identify,
 )
 from form_drake.records import Recording
+from form_drake.records.degrade import thinned
 
 __all__ = ["planned", "run_weak_form", "table"]
 MODES = ("uniaxial", "biaxial", "shear")
@@ -139,7 +141,8 @@ def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
 def timing(motions: Motions, case: str) -> dict[str, Any]:
     """Seconds of the processor, all threads together: one assembly of A and b, and everything.
 
-    Windows as wide as by default, and as many as make about ``ROWS`` rows.
+    Windows as wide as by default, and as many as make about ``ROWS`` rows. Beside it, the most memory
+    that an assembly takes, with all frames and with every second one.
     """
     made = motions.recording(case)
     answer = identify(made, method="weak")  # compiles kernels, and says how wide windows are
@@ -150,14 +153,35 @@ def timing(motions: Motions, case: str) -> dict[str, Any]:
     begun = time.process_time()
     answer = identify(made, method="weak", weak=options)
     whole = time.process_time() - begun
-    problem = answer.weak.problem
-    problem = replace(problem, probes=tuple(replace(p) for p in problem.probes))  # remembers none
-    middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
     begun = time.process_time()
-    problem.system(middle)
-    assembly = time.process_time() - begun
-    size = {"rows": answer.rows, "points": made.points, "frames": made.frames}
-    return {**size, "assembly_seconds": assembly, "identification_seconds": whole}
+    assembled(answer)
+    seconds = time.process_time() - begun
+    fewer = identify(thinned(made, 2), method="weak", weak=replace(options, draws=0))
+    return {
+        "rows": answer.rows,
+        "points": made.points,
+        "frames": made.frames,
+        "assembly_seconds": seconds,
+        "identification_seconds": whole,
+        "assembly_megabytes": [peak(answer), peak(fewer)],
+    }
+
+
+def assembled(answer: Identification) -> None:
+    """Assemble A and b of an answer once more, with nothing remembered of the last time."""
+    problem = answer.weak.problem
+    problem = replace(problem, probes=tuple(replace(p) for p in problem.probes))
+    problem.system(np.array([0.5 * np.log(a * z) for a, z in problem.ranges]))
+
+
+def peak(answer: Identification) -> float:
+    """The most memory that an assembly takes beside what was there [MB]."""
+    tracemalloc.start()
+    try:
+        assembled(answer)
+        return tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
 
 
 # --- the bench -----------------------------------------------------------------------------------

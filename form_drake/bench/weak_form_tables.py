@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from scipy.stats import binom
+
 from form_drake.identify import Estimator
 
 ESTIMATORS: tuple[Estimator, ...] = ("gls", "ols")
@@ -17,6 +19,8 @@ GOALS: dict[str, Any] = {  # largest error [percent]
 }
 MEDIAN = {"1": 2.0}  # largest median error [percent] by the noise [percent]
 COVERAGE = (0.8, 0.98)  # share of true values in 90 % intervals
+CHANCE = 0.05  # that any of the rows of honest intervals were called too narrow
+ASSEMBLY = 2.0  # seconds of A and b
 
 
 def table(result: dict[str, Any]) -> str:
@@ -93,6 +97,7 @@ def _noise_goals(own: dict[str, Any]) -> list[str]:
     """How the default estimator does over all cases."""
     lines = []
     held, answers = 0.0, 0
+    covers: list[tuple[str, float, int]] = []
     above: dict[str, list[str]] = {level: [] for level in MEDIAN}
     for name, r in own.items():
         law, level, _seeds = name.split("/")
@@ -100,6 +105,7 @@ def _noise_goals(own: dict[str, Any]) -> list[str]:
         count = r["seeds"] - found["refused"]
         held += count * sum(found["coverage_90"].values())
         answers += count * len(found["coverage_90"])
+        covers += [(f"{law} {level} {k}", c, count) for k, c in found["coverage_90"].items()]
         if level in MEDIAN:
             most = MEDIAN[level]
             above[level] += [f"{law} {k}" for k, v in found["median"].items() if not v <= most]
@@ -107,8 +113,16 @@ def _noise_goals(own: dict[str, Any]) -> list[str]:
         if any(name.split("/")[1] == level for name in own):
             told = f"MISSED: {', '.join(names)}" if names else "met"
             lines.append(f"gls, {level} %: median at most {MEDIAN[level]:g}  {told}")
+    low, high = COVERAGE
+    narrow = [(n, c, k) for n, c, k in covers if c < low]
+    if narrow:
+        rows = ", ".join(f"{name} {c:.0%}" for name, c, _ in narrow)
+        lines.append(f"gls, covered in less than {low:.0%}: {rows}")
+        sure = [n for n, c, k in narrow if binom.cdf(round(c * k), k, 0.9) < CHANCE / len(covers)]
+        lines.append(
+            f"of these by more than chance in {len(covers)} rows: {', '.join(sure) or 'none'}"
+        )
     if answers:
-        low, high = COVERAGE
         told = f"hold the truth in {held / answers:.0%} (goal {low:.0%} to {high:.0%})"
         lines.append(
             f"gls: 90 % intervals of all {answers} values {told}  {_met(low <= held / answers <= high)}"
@@ -135,10 +149,14 @@ def _finite_lines(own: dict[str, Any], goals: dict[str, dict[str, float]]) -> li
 
 
 def _time_lines(own: dict[str, Any], _: None) -> list[str]:
-    return [
-        f"{name}: {r['rows']} rows, {r['points']} points, {r['frames']} frames:"
-        f" A and b once {r['assembly_seconds']:.2f}, whole identification"
-        f" {r['identification_seconds']:.1f}, that is"
-        f" {r['identification_seconds'] / r['assembly_seconds']:.0f} times as much"
-        for name, r in own.items()
-    ]
+    lines = []
+    for name, r in own.items():
+        size = f"{r['rows']} rows, {r['points']} points, {r['frames']} frames"
+        seconds, whole = r["assembly_seconds"], r["identification_seconds"]
+        every, second = r["assembly_megabytes"]
+        lines += [
+            f"{name}: {size}: A and b once {seconds:.2f} (goal {ASSEMBLY:g} {_met(seconds <= ASSEMBLY)}),"
+            f" whole identification {whole:.1f}, that is {whole / seconds:.0f} times as much",
+            f"memory of an assembly: {every:.0f} MB, with every second frame {second:.0f} MB",
+        ]
+    return lines

@@ -143,6 +143,10 @@ class Identification:
             "method": self.method,
             "observe": self.observed,
             "parameters": self.material.to_json(),
+            "covariance": {
+                "keys": list(self.material.keys),
+                "values": self.material.covariance.tolist(),
+            },
             "condition": self.condition,
             "residual": self.residual,
             "residual_unit": self.residual_unit,
@@ -170,12 +174,18 @@ def table(answer: Identification) -> str:
         mark = " (derived)" if p.derived else ""
         first = f"{without[key]['value']:>16.8g}" if without else ""
         lines.append(f"{key:16}{p.value:>16.8g}{band:>14}{first}  {unit}{mark}")
+    effective = answer.details.get("effective_rows")
+    worth = "" if effective is None else f" (worth {effective:.3g} independent ones)"
     lines.append(
-        f"{answer.material.law.name}: {answer.method}, {answer.observed}; {answer.rows} rows,"
+        f"{answer.material.law.name}: {answer.method}, {answer.observed}; {answer.rows} rows{worth},"
         f" condition {answer.condition:.3g}, residual {answer.residual:.3g}"
         f" {answer.residual_unit}, {answer.seconds:.2f} s"
         f" (+ {answer.compile_seconds:.1f} s kernels)"
     )
+    if bound := answer.details.get("at_bound"):
+        lines.append(
+            f"AT ITS BOUND: {', '.join(bound)} would come out negative; intervals are those without the bound"
+        )
     if answer.misfit is not None and answer.misfit > LARGEST_MISFIT:
         lines.append(
             f"DOES NOT FIT: the residual is {answer.misfit:.3g} times what noise or rounding explain;"

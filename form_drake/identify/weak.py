@@ -13,7 +13,7 @@ from form_drake.identify.search import searched
 from form_drake.identify.solve import Identification, Unidentifiable, require_given
 from form_drake.identify.surface import balanced_inside
 from form_drake.identify.twin import Offset, with_twins
-from form_drake.identify.worth import noise_bias, parameters, refuse
+from form_drake.identify.worth import at_bound, noise_bias, parameters, refuse
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
@@ -26,7 +26,7 @@ from form_drake.weak.choice import (
     traction_free,
 )
 from form_drake.weak.probe import Probe
-from form_drake.weak.ready import mirrored, prepared, probe_body
+from form_drake.weak.ready import check_loads, feel_pressure, mirrored, prepared, probe_body
 from form_drake.weak.solve import (
     Solution,
     Weights,
@@ -164,7 +164,9 @@ def _problem(
 ) -> Problem:
     options = each[0]
     fitted = [(r, *read(r)) for r in recordings]
-    pressure = options.pressure or chosen_pressure([(r, f) for r, _, f in fitted], law)
+    for given in fitted:
+        check_loads(*given)
+    pressure = options.pressure or chosen_pressure(fitted, law)
     unknowns = Unknowns.of(law, known, pressure)
     if unknowns.undecided:
         raise Unidentifiable.of(law, unknowns.undecided, "pressure is free or supplied")
@@ -187,6 +189,11 @@ def _problem(
             ends = spaced(ends, fields, len(fitted))
         free = traction_free(fields)
         probes.append(prepared(recording, f"probe {n + 1}", fields, ends, shape, fit, free))
+        if pressure == "free" and (feeling := feel_pressure(probes[-1])):
+            raise ValueError(
+                f"pressure free: test fields {', '.join(feeling)} feel the pressure that is left out;"
+                " choose axial, bend or potential, or let the law balance it (pressure law)"
+            )
     return Problem.of(probes, unknowns, options.level)
 
 
@@ -229,8 +236,10 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     refuse(problem, system, phi, free)
     keys, point, spread = parameters(problem, phi, eta)
     bias = np.zeros(len(phi) + len(eta))
-    if options.draws and options.estimator == "gls":
+    if options.draws:
         bias, mixed = noise_bias(problem.coarser, eta, J, by, options.draws, options.seed)
+        if options.estimator == "ols":
+            bias, mixed = np.zeros_like(bias), np.zeros_like(mixed)
         free = replace(free, covariance=free.covariance + mixed)
         refuse(problem, system, phi, free)
     value = parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
@@ -258,6 +267,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         seconds=0.0,
         details={
             "effective_rows": free.effective,
+            "at_bound": at_bound(problem, system, phi),
             "noise_misfit": float(np.sqrt(np.mean(white**2))),
         },
     )

@@ -18,8 +18,8 @@ LARGEST_NOISE = 0.3  # share of noise in the power of a combination of columns
 # nonlinear constant; and the part of that above which others are named beside one that is lost
 LARGEST_SHARE, LARGEST_LOG = 0.5, 1.0
 BESIDE = 0.2
-# beyond it columns differ by less than what interpolation and quadrature leave of each
-LARGEST_CONDITION = 1.0 / LEAST_ERROR
+# condition beyond which columns differ by less than what interpolation and quadrature leave of each
+ALIKE = 1.0 / LEAST_ERROR
 # of the variance of an answer, above which what noise of the columns adds to it is told by more draws
 SCATTER, MORE = 0.1, 4
 
@@ -40,11 +40,18 @@ def refuse(problem: Problem, system: WeakSystem, phi: np.ndarray, free: Solution
     worth = np.append(
         deviation[: len(phi)] * own / (LARGEST_SHARE * level), deviation[len(phi) :] / LARGEST_LOG
     )
-    if worth.max() > 1.0 or free.condition > LARGEST_CONDITION:
-        worth /= min(worth.max(), 1.0)
+    alike = free.condition > ALIKE
+    if alike or worth.max() > 1.0:
+        worth = np.abs(free.weakest) if alike else worth
         keys = (*unknowns.keys, *unknowns.searched)
         lost = [k for k, w in zip(keys, worth, strict=True) if w > BESIDE]
         raise Unidentifiable.of(unknowns.law, _named(unknowns, lost))
+
+
+def at_bound(problem: Problem, system: WeakSystem, phi: np.ndarray) -> list[str]:
+    """Keys of coefficients that must be positive and would not be."""
+    held = phi <= 2.0 * problem.floors(system)
+    return [k for k, h in zip(problem.unknowns.keys, held, strict=True) if h]
 
 
 def parameters(

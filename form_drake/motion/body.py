@@ -160,16 +160,21 @@ def faces(recording: Recording) -> tuple[Face, ...]:
             f"force of {', '.join(lost)}: no face names it in contact; named are"
             f" {', '.join(sorted(named))}"
         )
-    for face, name in zip(found, FACES, strict=True):
+    for face in found:
         pose = recording.poses.get(face.tool)
         if pose is None or face.tool in recording.forces or face.condition == "bonded":
             continue  # what is bonded to a support may be shaken: the fields vanish there
         if _moves(pose.value):
-            raise ValueError(
-                f"{face.tool} touches {name} and moves, but the recording holds no force of it: add"
-                f" forces={{{face.tool!r}: Stream(...)}}"
-            )
+            raise unmeasured(face)
     return tuple(found)
+
+
+def unmeasured(face: Face) -> ValueError:
+    """The refusal of a tool that moves and whose force is not there."""
+    return ValueError(
+        f"{face.tool} touches {face.name} and moves, but the recording holds no force of it: add"
+        f" forces={{{face.tool!r}: Stream(...)}}"
+    )
 
 
 def _moves(X_WT: np.ndarray) -> bool:

@@ -235,6 +235,7 @@ def supplied(
     if value is None:
         return None
     valid = np.isfinite(value).reshape(*value.shape[:2], -1).all(axis=(0, 2))
+    valid &= np.isfinite(recording.reference).all(axis=1)
     scalar = fit.space.scalar
     Phi = scalar.matrix(recording.reference[valid])
     flat = value[:, valid].swapaxes(0, 1).reshape(len(Phi), -1)

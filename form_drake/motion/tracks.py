@@ -22,18 +22,19 @@ def tracks(
     valid = np.isfinite(recording.p_WQ).all(axis=2)
     if recording.valid is not None:
         valid &= recording.valid
-    if recording.p_reference is None and not valid[0].all():
-        raise ValueError(
-            "points are missing from the first frame, so it gives no stress-free positions: state"
-            " p_reference"
-        )
+    stated = recording.p_reference is not None
+    known = valid.any(axis=0) if stated else valid[0]  # others have no stress-free position
     edge = OUTSIDE * (body.high - body.low)
     inside = (recording.reference >= body.low - edge) & (recording.reference <= body.high + edge)
-    _check_units(recording.reference, body, inside.all(axis=1))
-    seen = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1)
+    seen = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1) & known
+    if known.any():
+        _check_units(recording.reference[known], body, inside[known].all(axis=1))
     X = recording.reference[seen]
     if len(X) < 8:
-        raise ValueError(f"{len(X)} points are seen in half of the frames: 8 or more are needed")
+        first = "" if stated else ", and in the first, which gives their stress-free positions"
+        raise ValueError(
+            f"{len(X)} points are seen in half of the frames{first}: 8 or more are needed"
+        )
     if recording.frames < 8:
         raise ValueError(f"{recording.frames} frames: 8 or more are needed")
     flat = np.linalg.svd((X - X.mean(axis=0)) / (body.high - body.low), compute_uv=False)

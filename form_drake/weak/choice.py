@@ -21,6 +21,7 @@ from form_drake.weak.windows import even
 NAMES = ("box", "axial", "bend", "grid", "potential")
 ISOCHORIC = 2e-3  # |J - 1| below this share of the strain is no change of volume
 LONGEST, SHORTEST = 0.16, 0.08  # width of windows [s]: as a rule, and where material yields
+DRAWS, LOUD = 4, 1.1  # of noise, and times what they make of volume that is no change of it
 FRAMES = 8  # fewest frames in a window
 STRIDE = 0.4  # of windows, as a share of their width, where that gives no more than
 MOST_ROWS = 2000
@@ -82,21 +83,30 @@ def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarra
     return even(0.0, last, width, (last - width) / (most - 1))
 
 
-def chosen_pressure(fitted: Sequence[tuple[Recording, Fit]], law: Law) -> Pressure:
-    """Who balances pressure: the law, unless it is supplied or no volume changes."""
-    if all(r.pressure is not None for r, _ in fitted):
+def chosen_pressure(fitted: Sequence[tuple[Recording, Body, Fit]], law: Law) -> Pressure:
+    """Who balances pressure: the law, unless it is supplied or no volume changes.
+
+    That of a strip is what leaves its faces free.
+    """
+    if all(r.pressure is not None for r, _, _ in fitted):
         return "supplied"
     given = [t.given for t, v in zip(law.terms, volumetric(law), strict=True) if v]
     if given and all(given) and law.pressure is None:
         return "free"  # the law's bulk modulus is a numerical constant
-    change, strain = 0.0, 0.0
-    for recording, fit in fitted:
-        X = recording.reference
+    if any(f.condition == "touched" for _, shape, _ in fitted for f in shape.faces):
+        return "law"
+    rng = np.random.default_rng(0)
+    change, noise, strain = 0.0, 0.0, 0.0
+    for recording, _, fit in fitted:
+        X = recording.reference[np.isfinite(recording.reference).all(axis=1)]
         time = np.linspace(0.0, recording.time[-1] - recording.time[0], 24)
-        F = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).F
-        change += float(np.mean((np.linalg.det(F) - 1.0) ** 2))
-        strain += float(np.mean((F @ F.swapaxes(-1, -2) - np.eye(3)) ** 2))
-    return "free" if np.sqrt(change) < ISOCHORIC * np.sqrt(strain) else "law"
+        sampling = Sampling.of(fit, time, X, np.ones(len(X)), 1.0)
+        motion = sampling.motion(fit.c)
+        drawn = [sampling.motion(fit.c + fit.draw(rng)).J - motion.J for _ in range(DRAWS)]
+        change += float(np.mean((motion.J - 1.0) ** 2))
+        noise += float(np.mean(np.square(drawn)))
+        strain += float(np.mean((motion.F @ motion.F.swapaxes(-1, -2) - np.eye(3)) ** 2))
+    return "free" if change < ISOCHORIC**2 * strain + LOUD * noise else "law"
 
 
 def chosen_fields(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
+from form_drake.motion.body import unmeasured
 from form_drake.motion.space import Space
 from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
@@ -16,6 +17,10 @@ from form_drake.weak.reach import usable
 from form_drake.weak.windows import windows
 
 SAMPLES = 8  # fewest times in a window
+# a face moves by more than this share of the body, in so many looks; forces below this share of the
+# body's weight are none
+MOVED, FRAMES, LIGHT = 0.01, 24, 1e-5
+LOOKS, CLOSED = 4, 1e-6  # times at which divergence is looked at, and what is none of it
 GAUSS, ROUGH = 3, 2  # points along each axis of a cell, of one or two cells
 
 
@@ -100,6 +105,48 @@ def _check(fields: Fields, motion: Motion) -> None:
                 f"test fields {type(fields).__name__}: {name} of shape {value.shape}, wanted"
                 f" [times, fields, points, ...]: {wanted}"
             )
+
+
+def check_loads(recording: Recording, shape: Body, fit: Fit) -> None:
+    """Refuse tools that the tracks show to move and no force is of, and forces of no weight at all.
+
+    Raises:
+        ValueError: saying so.
+    """
+    for face in shape.faces:
+        known = face.tool in recording.forces or face.tool in recording.poses
+        if not face.tool or known or face.condition == "bonded":
+            continue
+        time, X = (
+            np.linspace(fit.time.breaks[0], fit.time.breaks[-1], FRAMES),
+            shape.face_points(face),
+        )
+        x = Sampling.of(fit, time, X, np.ones(len(X)), 1.0).motion(fit.c).x[..., face.axis]
+        if np.ptp(x.mean(axis=1)) > MOVED * (shape.high - shape.low)[face.axis]:
+            raise unmeasured(face)
+    size = shape.high - shape.low
+    weight = 9.81 * shape.density * float(np.prod(size))
+    largest = max((float(np.abs(s.value).max()) for s in recording.forces.values()), default=0.0)
+    if 0.0 < largest < LIGHT * weight:
+        raise ValueError(
+            f"forces reach {largest:.3g} N, but the stated box of {' x '.join(f'{s:.3g}' for s in size)}"
+            f" m weighs {weight:.3g} N: are lengths in millimetres, or the density in other units"
+            " than kg/m^3?"
+        )
+
+
+def feel_pressure(probe: Probe) -> list[str]:
+    """Families of test fields whose divergence does not vanish."""
+    motion, found = probe.motion, []
+    look = motion.at(slice(None, None, max(len(motion.time) // LOOKS, 1)))
+    for family in probe.fields:
+        gradient = family.at(look).gradient
+        if family.material:
+            gradient = gradient @ look.inverse[:, None]
+        divergence = np.trace(gradient, axis1=-2, axis2=-1)
+        if np.sqrt(np.mean(divergence**2)) > CLOSED * np.sqrt(np.mean(gradient**2)):
+            found.append(type(family).__name__)
+    return found
 
 
 def _mirrors(recording: Recording, fit: Fit, fields: Sequence[Fields]) -> list[int]:

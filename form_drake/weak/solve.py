@@ -55,6 +55,7 @@ class Solution:
         residual: b - A theta [N m s], shape [rows].
         condition: of the whitened columns scaled to unit length.
         effective: number of independent equations that the rows amount to.
+        weakest: combination of those columns that is nearest to nothing, shape [columns].
     """
 
     theta: np.ndarray
@@ -62,6 +63,7 @@ class Solution:
     residual: np.ndarray
     condition: float
     effective: float
+    weakest: np.ndarray
 
 
 def weights(noise: Blocks, scale: np.ndarray, error: float) -> Weights:
@@ -107,7 +109,8 @@ def balanced(noise: Blocks, scale: np.ndarray, A: np.ndarray, b: np.ndarray) -> 
 def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     """Generalised least squares with the given weights."""
     if not A.shape[1]:  # nonlinear constants alone are sought
-        return Solution(np.zeros(0), np.zeros((0, 0)), b, 1.0, float(len(b)))
+        none = np.zeros(0)
+        return Solution(none, np.zeros((0, 0)), b, 1.0, float(len(b)), none)
     white, target = by.white(A), by.white(b)
     length = np.linalg.norm(white, axis=0)
     safe = np.where(length > TINY, length, 1.0)
@@ -115,7 +118,7 @@ def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     s = np.maximum(s, 1e-12 * max(s[0], TINY))
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
-    return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U))
+    return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U), Vt[-1])
 
 
 def _updated(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
