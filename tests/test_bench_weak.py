@@ -132,7 +132,7 @@ def test_summary_and_tables_show_every_kind():
     assert "covered in less than 80%: yeoh 0.3 E 67%" in text and "in 1 rows: none" in text
     assert "of all 3 values hold the truth in 67% (goal 80% to 98%)  MISSED" in text
     assert "20 times as much" in text and "67%" in text
-    assert "0.50 (goal 2 met)" in text and "80 MB, with every second frame 42 MB" in text
+    assert "0.50 (goal 2 met)" in text and "80 MB, of the first half of the frames 42 MB" in text
     off = {**found, "median": {"E": 2.1}}
     noisier = {
         f"noise/{law}/1/seeds3": {"seeds": 3, "gls": off, "ols": off} for law in ("gent", "yeoh")

@@ -90,6 +90,23 @@ def test_fields_that_feel_pressure_are_no_choice_where_it_is_left_out():
         )
 
 
+def test_a_fibre_tells_its_stiffness_without_its_lateral_stretch():
+    made = pulled(kappa=2e6)
+    thick = np.where(np.arange(3) < 2, 0.9, 1.0)  # what tracks tell across it is wrong
+    made = replace(made, p_WQ=0.01 + (made.p_WQ - 0.01) * thick, p_reference=made.reference)
+    answers = [
+        identify(made, "neo-hookean", known={"kappa": 2e6}, weak=WeakOptions(free=free))
+        for free in (None, (0, 1))
+    ]
+    plain, fibre = (abs(a.material.values["C10"] / 1e5 - 1.0) for a in answers)
+    assert fibre < 0.01 < plain
+    for free, words in (((0, 1, 2), "at most two"), ((0, 4), "at most two")):
+        with pytest.raises(ValueError, match=words):
+            identify(made, "neo-hookean", weak=WeakOptions(free=free))
+    with pytest.raises(ValueError, match="von-mises is not elastic"):
+        identify(made, "von-mises", weak=WeakOptions(free=(0,)))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

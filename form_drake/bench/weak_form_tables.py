@@ -153,10 +153,10 @@ def _time_lines(own: dict[str, Any], _: None) -> list[str]:
     for name, r in own.items():
         size = f"{r['rows']} rows, {r['points']} points, {r['frames']} frames"
         seconds, whole = r["assembly_seconds"], r["identification_seconds"]
-        every, second = r["assembly_megabytes"]
+        every, half = r["assembly_megabytes"]
         lines += [
             f"{name}: {size}: A and b once {seconds:.2f} (goal {ASSEMBLY:g} {_met(seconds <= ASSEMBLY)}),"
             f" whole identification {whole:.1f}, that is {whole / seconds:.0f} times as much",
-            f"memory of an assembly: {every:.0f} MB, with every second frame {second:.0f} MB",
+            f"memory of an assembly: {every:.0f} MB, of the first half of the frames {half:.0f} MB",
         ]
     return lines

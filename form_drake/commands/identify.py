@@ -53,6 +53,9 @@ class Identify:
     """Width of the weak form's windows in time [s]; default: chosen from frames and law."""
     pressure: Literal["law", "free", "supplied"] | None = None
     """Who balances pressure in the weak form; default: decided from the motion."""
+    traction_free: str = ""
+    """Axes across which the body is too thin to bear stress, joined by commas: one for plane stress,
+    two for a fibre (weak form); default: those across a bent strip."""
     estimator: Literal["gls", "ols"] = "gls"
     """Generalised, or ordinary least squares as in the paper (weak form)."""
     twin: bool = False
@@ -127,7 +130,11 @@ class Identify:
         return twin(load_scenario(scenario), recordings[0].measured_by(self.force))
 
     def _weak(self) -> WeakOptions:
+        axes = [part.strip() for part in self.traction_free.split(",") if part.strip()]
+        if not set(axes) <= set("xyz"):
+            raise ValueError(f"--traction-free {self.traction_free}: some of x, y, z are wanted")
         return WeakOptions(
+            free=tuple("xyz".index(a) for a in axes) or None,
             fields=tuple(part.strip() for part in self.fields.split(",") if part.strip()),
             window=self.window,
             pressure=self.pressure,

@@ -28,6 +28,8 @@ class WeakOptions:
         ends: first and last moment of every window, counted from the first frame [s]; empty: they
             are spread evenly.
         pressure: who balances pressure, see ``Unknowns.of``; None: chosen from the motion.
+        free: material axes (0, 1, 2) along which the body is too thin to bear stress, one for plane
+            stress, two for a fibre, see ``form_drake.weak.release``; None: those across a bent strip.
         estimator: ``gls``, or ``ols`` for ordinary least squares as in the paper.
         draws: pairs of noise draws for the errors-in-variables correction; 0: none.
         seed: of the draws.
@@ -38,6 +40,7 @@ class WeakOptions:
     window: float | None = None
     ends: tuple[tuple[float, float], ...] = ()
     pressure: Pressure | None = None
+    free: tuple[int, ...] | None = None
     estimator: Estimator = "gls"
     draws: int = 4
     seed: int = 0

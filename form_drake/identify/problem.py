@@ -36,6 +36,8 @@ class Problem:
             so far (``borne``: errors of what a body has undergone stay when it is unloaded), of its
             own size (``row``), or of the largest among the rows of its probe (``probe``).
         offset: added to A, shape [rows, terms], see ``form_drake.identify.twin``; None: nothing.
+        towards: coefficients whose ratios set the stretches along traction-free directions where none
+            are given, shape [terms]; None: all that are sought are as large as what is known.
     """
 
     probes: tuple[Probe, ...]
@@ -43,6 +45,7 @@ class Problem:
     ranges: tuple[tuple[float, float], ...]
     level: Level = "borne"
     offset: np.ndarray | None = None
+    towards: np.ndarray | None = None
 
     @classmethod
     def of(cls, probes: Sequence[Probe], unknowns: Unknowns, level: Level) -> "Problem":
@@ -90,7 +93,7 @@ class Problem:
         Args:
             eta: logarithms of the nonlinear constants.
             theta: coefficients that set, up to a factor, the stretches along traction-free
-                directions; None: all that are sought are one.
+                directions; None: those of ``towards``.
         """
         return self._remembered("rows", eta, theta, self._rows)
 
@@ -123,7 +126,18 @@ class Problem:
         return self._assembled(eta, self._coefficients(None), moved)
 
     def _coefficients(self, theta: np.ndarray | None) -> np.ndarray:
-        return self.unknowns.theta(np.ones(len(self.unknowns.keys))) if theta is None else theta
+        if theta is not None:
+            return theta
+        if self.towards is not None:
+            return self.towards
+        size = float(np.max(np.abs(self.unknowns.offset), initial=0.0)) or 1.0
+        return self.unknowns.theta(np.full(len(self.unknowns.keys), size))
+
+    @property
+    def leans(self) -> bool:
+        """Whether stretches along traction-free directions follow from ratios that are sought."""
+        ratios = len(self.unknowns.keys) > 1 or bool(np.any(self.unknowns.offset))
+        return ratios and any(p.released for p in self.probes)
 
     @cached_property
     def _memory(self) -> dict[tuple[str, bytes, bytes], Any]:

@@ -24,6 +24,7 @@ from form_drake.weak.choice import (
     spaced,
     told_apart,
     traction_free,
+    traction_free_as,
 )
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import check_loads, feel_pressure, mirrored, prepared, probe_body
@@ -42,6 +43,7 @@ from form_drake.weak.unknowns import Unknowns
 
 PASSES = 3  # of the weights after the first search, fewer where they no longer change
 SETTLED = 0.01  # share by which the stress may still change
+LEANING, STILL = 12, 1e-4  # the same where stretches follow from the ratios of what is sought
 # of a row's size, by which all rows of a test field may be off alike where stress follows from a history
 # between frames: a choice, of the order by which exact motions with a yield come out wrong
 PATH = 5e-4
@@ -120,8 +122,7 @@ def weighed(
 def weighing(problem: Problem) -> Weighed:
     """Search, and weigh the rows of a problem."""
     begun = time.perf_counter()
-    found = _weighted(problem)
-    return Weighed(problem, *found, time.perf_counter() - begun)
+    return Weighed(*_weighted(problem), time.perf_counter() - begun)
 
 
 def estimated(ready: Weighed, options: WeakOptions) -> Identification:
@@ -187,7 +188,7 @@ def _problem(
             fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not own.ends:
             ends = spaced(ends, fields, len(fitted))
-        free = traction_free(fields)
+        free = traction_free(fields) if own.free is None else traction_free_as(own.free, law)
         probes.append(prepared(recording, f"probe {n + 1}", fields, ends, shape, fit, free))
         if pressure == "free" and (feeling := feel_pressure(probes[-1])):
             raise ValueError(
@@ -274,7 +275,9 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     return answer, WeakFit(problem, system, theta, residual, row_noise, by.error, removed)
 
 
-def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.ndarray]]:
+def _weighted(
+    problem: Problem,
+) -> tuple[Problem, np.ndarray, Solution, Weights, list[np.ndarray]]:
     """Search and solution, first with rows weighted by size, then by their covariance."""
     coarse = problem.coarser
     middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
@@ -285,8 +288,11 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
     by = weights(none, size / size.max(), 1.0)
     eta = searched(coarse, by)
     solution = coarse.solved(coarse.system(eta), by)
-    for _ in range(PASSES):
+    passes, settled = (LEANING, STILL) if problem.leans else (PASSES, SETTLED)
+    for _ in range(passes):
         before, theta = eta, problem.unknowns.theta(solution.theta)
+        if problem.leans:
+            problem = replace(problem, towards=theta)
         noise = problem.noise(eta, theta)
         system = problem.system(eta, theta)
         by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
@@ -295,6 +301,6 @@ def _weighted(problem: Problem) -> tuple[np.ndarray, Solution, Weights, list[np.
         change = np.abs(problem.unknowns.theta(solution.theta) - theta)
         moved = np.max(np.abs(eta - before), initial=0.0)
         moved = max(moved, (system.sizes @ change).sum() / (system.sizes @ np.abs(theta)).sum())
-        if moved <= SETTLED:
+        if moved <= settled:
             break
-    return eta, solution, by, noise
+    return problem, eta, solution, by, noise

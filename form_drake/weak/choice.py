@@ -254,6 +254,23 @@ def traction_free(fields: Sequence[Fields]) -> tuple[int, ...]:
     return ()
 
 
+def traction_free_as(axes: Sequence[int], law: Law) -> tuple[int, ...]:
+    """The axes as they are given.
+
+    Raises:
+        ValueError: not one or two axes, or a law whose stress is not elastic.
+    """
+    found = tuple(sorted(set(axes)))
+    if len(found) > 2 or not set(found) <= {0, 1, 2}:
+        raise ValueError(f"traction-free axes {list(axes)}: at most two of 0, 1, 2 are wanted")
+    if found and law.flow != "elastic":
+        raise ValueError(
+            f"traction-free axes: {law.name} is not elastic, and stretches across a thin body are"
+            " found for elastic laws alone"
+        )
+    return found
+
+
 def _mean_face(
     recording: Recording, shape: Body, fit: Fit, face: Face
 ) -> tuple[np.ndarray, np.ndarray]:
