@@ -80,6 +80,14 @@ def test_a_curve_made_by_a_law_gives_the_law_back(mode):
     assert answer.material.values["C10"] == pytest.approx(2.0e5, rel=1e-3)
 
 
+def test_a_law_of_ones_own_predicts_the_mode_that_it_has_not_seen():
+    rubber.laws(Path(__file__).parents[1] / "docs" / "examples" / "gent_thomas.py")
+    curves = read_curves(TRELOAR)
+    material = rubber.fitted(curves, "yeoh+gent-thomas", ["uniaxial", "pure-shear"]).material
+    held = curves["equibiaxial"].rms(material.law, material.values)
+    assert held == pytest.approx(6.9, abs=0.5)  # a direct fit of the curves
+
+
 def test_simple_shear_alone_does_not_tell_constants_of_which_it_sees_the_sum():
     strain = np.array([0.05, 0.1, 0.2, 0.3])
     curve = Curve("shear", strain, 4e5 * strain + 2e3 * np.sin(40.0 * strain))

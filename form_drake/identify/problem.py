@@ -37,7 +37,7 @@ class Problem:
             own size (``row``), or of the largest among the rows of its probe (``probe``).
         offset: added to A, shape [rows, terms], see ``form_drake.identify.twin``; None: nothing.
         towards: coefficients whose ratios set the stretches along traction-free directions where none
-            are given, shape [terms]; None: all that are sought are as large as what is known.
+            are given, shape [terms]; None: all that are sought are as large as what is known, or one.
     """
 
     probes: tuple[Probe, ...]
@@ -130,7 +130,8 @@ class Problem:
             return theta
         if self.towards is not None:
             return self.towards
-        size = float(np.max(np.abs(self.unknowns.offset), initial=0.0)) or 1.0
+        known = float(np.max(np.abs(self.unknowns.offset), initial=0.0))
+        size = known if known and self.leans else 1.0
         return self.unknowns.theta(np.full(len(self.unknowns.keys), size))
 
     @property
