@@ -107,6 +107,15 @@ def test_a_fibre_tells_its_stiffness_without_its_lateral_stretch():
         identify(made, "von-mises", weak=WeakOptions(free=(0,)))
 
 
+def test_the_pressure_of_a_fibre_is_what_leaves_its_sides_free():
+    made, known = pulled(), {"kappa": 1e8}
+    fibre = identify(made, "neo-hookean", known=known, weak=WeakOptions(free=(0, 1)))
+    assert fibre.details["pressure"] == "law"
+    assert fibre.material.values["C10"] == pytest.approx(1e5, rel=0.01)
+    with pytest.raises(ValueError, match="leave out the traction-free axes"):
+        identify(made, "neo-hookean", known=known, weak=WeakOptions(free=(0, 1), pressure="free"))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -167,7 +167,13 @@ def _problem(
     fitted = [(r, *read(r)) for r in recordings]
     for given in fitted:
         check_loads(*given)
-    pressure = options.pressure or chosen_pressure(fitted, law)
+    thin = any(own.free for own in each)
+    pressure = options.pressure or chosen_pressure(fitted, law, thin=thin)
+    if thin and pressure == "free":
+        raise ValueError(
+            "pressure free: across a thin body it is what leaves the sides free of stress; let the law"
+            " balance it (pressure law), or leave out the traction-free axes"
+        )
     unknowns = Unknowns.of(law, known, pressure)
     if unknowns.undecided:
         raise Unidentifiable.of(law, unknowns.undecided, "pressure is free or supplied")

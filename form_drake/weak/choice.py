@@ -83,17 +83,24 @@ def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarra
     return even(0.0, last, width, (last - width) / (most - 1))
 
 
-def chosen_pressure(fitted: Sequence[tuple[Recording, Body, Fit]], law: Law) -> Pressure:
+def bent(recording: Recording, shape: Body) -> bool:
+    """Whether a tool with a force touches part of a face."""
+    return any(f.condition == "touched" and f.tool in recording.forces for f in shape.faces)
+
+
+def chosen_pressure(
+    fitted: Sequence[tuple[Recording, Body, Fit]], law: Law, *, thin: bool = False
+) -> Pressure:
     """Who balances pressure: the law, unless it is supplied or no volume changes.
 
-    That of a strip is what leaves its faces free.
+    That of a strip, or of another ``thin`` body, is what leaves its faces free.
     """
     if all(r.pressure is not None for r, _, _ in fitted):
         return "supplied"
     given = [t.given for t, v in zip(law.terms, volumetric(law), strict=True) if v]
     if given and all(given) and law.pressure is None:
         return "free"  # the law's bulk modulus is a numerical constant
-    if any(f.condition == "touched" for _, shape, _ in fitted for f in shape.faces):
+    if thin or any(bent(recording, shape) for recording, shape, _ in fitted):
         return "law"
     rng = np.random.default_rng(0)
     change, noise, strain = 0.0, 0.0, 0.0
@@ -127,7 +134,7 @@ def chosen_fields(
             wanted = ("axial",)
         else:
             wanted = ("potential",) if unknowns.pressure == "free" else ("box",)
-        if any(f.condition == "touched" and f.tool in recording.forces for f in shape.faces):
+        if bent(recording, shape):
             wanted = ("bend",)
     found: list[Fields] = []
     for name in wanted:
