@@ -431,20 +431,39 @@ def test_an_error_that_all_rows_share_is_part_of_their_covariance():
     assert found.T @ found == pytest.approx(np.linalg.inv(whole), rel=1e-9, abs=1e-12)
 
 
-def test_noise_of_columns_meets_what_noise_has_left_of_the_rows():
-    """One column, each entry with noise of its own: the variance that is of second order is known."""
-    a, theta, sigma, rows = 1.0, 3.0, 0.4, 400
-    rng = np.random.default_rng(1)
-    A, b = np.full((rows, 1), a) + sigma * rng.standard_normal((rows, 1)), np.full(rows, theta * a)
-    problem = SimpleNamespace(
+def _one_column(A, b, sigma):
+    """One column, each entry with noise of its own."""
+    return SimpleNamespace(
         unknowns=SimpleNamespace(keys=("eta",)),
-        probes=(SimpleNamespace(drawn=lambda rng: sigma * rng.standard_normal((rows, 1))),),
+        probes=(SimpleNamespace(drawn=lambda rng: sigma * rng.standard_normal(A.shape)),),
         rows=lambda _: (A, b),
         reduced=lambda A, b: (A, b),
         disturbed=lambda _, drawn, part: (A + part * drawn[0], b),
     )
+
+
+def test_noise_of_columns_meets_what_noise_has_left_of_the_rows():
+    """The variance that is of second order is known."""
+    theta, sigma, rows = 3.0, 0.02, 100
+    A = 1.0 + sigma * np.random.default_rng(1).standard_normal((rows, 1))
+    b = np.full(rows, theta)
     by = Weights((theta * sigma * np.eye(rows),), 0.0)
-    _, found = noise_bias(problem, np.zeros(0), A, by, 400, 0)
+    _, found = noise_bias(_one_column(A, b, sigma), np.zeros(0), A, by, 400, 0)
     left = b - A[:, 0] * solved(A, b, by).theta
     wanted = sigma**2 * (left @ left) / np.sum(A**2) ** 2
     assert found[0, 0] == pytest.approx(wanted, rel=0.15)
+
+
+def test_noise_bias_that_grows_slower_than_the_variance():
+    """An answer sinks to 1 / (1 + the variance): a line leads back two thirds of the way."""
+    theta, sigma, rows = 3.0, 0.5, 400
+    n = np.random.default_rng(1).standard_normal(rows)
+    n -= n.mean()
+    A = 1.0 + sigma * n[:, None] / n.std()
+    b = np.full(rows, theta)
+    by = Weights((theta * sigma * np.eye(rows),), 0.0)
+    sunk = solved(A, b, by).theta[0]
+    assert sunk == pytest.approx(theta / (1.0 + sigma**2))
+    bias, found = noise_bias(_one_column(A, b, sigma), np.zeros(0), A, by, 200, 0)
+    assert abs(sunk - bias[0] - theta) < np.sqrt(found[0, 0]) < abs(sunk - theta)
+    assert sunk - bias[0] > sunk + 0.75 * (theta - sunk)
