@@ -20,7 +20,7 @@ from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording, Stream
-from form_drake.weak.choice import axial
+from form_drake.weak.families import axial
 from form_drake.weak.solve import Weights
 from form_drake.weak.system import Row
 

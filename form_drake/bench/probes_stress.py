@@ -25,7 +25,8 @@ from form_drake.systems.probe import Run, begin, finish, prepare
 from form_drake.systems.scenario import load_scenario
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
-from form_drake.weak.choice import RAMPS, bend, chosen_windows
+from form_drake.weak.choice import chosen_windows
+from form_drake.weak.families import RAMPS, bend
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import measured
 from form_drake.weak.windows import Windows, windows

@@ -47,7 +47,7 @@ class Identify:
     force: str = "sensor"
     """Source of the forces: sensor at the tool, or joint-torque, where the recording has both."""
     fields: str = ""
-    """Test fields of the weak form, joined by commas: box, axial, bend, grid, potential; default:
+    """Test fields of the weak form, joined by commas: box, axial, bend, bend-curl, grid, potential; default:
     those that the stated faces of the body admit."""
     window: float | None = None
     """Width of the weak form's windows in time [s]; default: chosen from frames and law."""

@@ -18,7 +18,6 @@ from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
 from form_drake.weak.choice import (
-    chosen_fields,
     chosen_pressure,
     chosen_windows,
     spaced,
@@ -26,6 +25,7 @@ from form_drake.weak.choice import (
     traction_free,
     traction_free_as,
 )
+from form_drake.weak.families import chosen_fields
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import check_loads, feel_pressure, mirrored, prepared, probe_body
 from form_drake.weak.solve import (
@@ -199,7 +199,7 @@ def _problem(
         if pressure == "free" and (feeling := feel_pressure(probes[-1])):
             raise ValueError(
                 f"pressure free: test fields {', '.join(feeling)} feel the pressure that is left out;"
-                " choose axial, bend or potential, or let the law balance it (pressure law)"
+                " choose axial, bend-curl or potential, or let the law balance it (pressure law)"
             )
     return Problem.of(probes, unknowns, options.level)
 

@@ -21,28 +21,53 @@ from form_drake.weak.fields import Sampled
 
 
 @dataclass(frozen=True)
-class BendFields:
-    """Fields as above, one for each ramp in which beta is not zero.
+class Strip:
+    """A strip that a tool bends, and the ramps of its test fields.
 
     Attributes:
         axis: a, along the strip.
         push: the direction of bending.
+        middle: coordinate of the strip's middle along ``push`` [m].
         held: coordinate of the held end along the axis [m].
         length: of the strip between its ends [m].
         sign: +1 where the held end is the upper one.
-        ramps: where beta begins and ends, from the free end on, as shares of the length.
+        ramps: where fields begin and end to turn, from the free end on, as shares of the length.
         tool: the pusher, which acts before every ramp and so sees one translation.
         breaks: as in ``Fields``.
     """
 
     axis: int
     push: int
+    middle: float
     held: float
     length: float
     sign: int
     ramps: tuple[tuple[float, float], ...]
     tool: str
     breaks: tuple[np.ndarray, ...]
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        return (self.tool,)
+
+    def even(self, axis: int, middle: float, near: float) -> bool:
+        return axis == 3 - self.axis - self.push  # wherever the middle
+
+    def inside(self, boundary: np.ndarray) -> np.ndarray:
+        return np.ones(len(self.ramps), dtype=bool)
+
+    def risen(self, at: np.ndarray, ramp: tuple[float, float]) -> tuple[np.ndarray, ...]:
+        """A step over a ramp at coordinates along the axis [m], and its three derivatives along it."""
+        lo, hi = ramp
+        s = 1.0 + self.sign * (at - self.held) / self.length
+        scale = self.sign / (self.length * (hi - lo))
+        return tuple(f * scale**n for n, f in enumerate(smoothstep((s - lo) / (hi - lo), 3)))
+
+
+@dataclass(frozen=True)
+class BendFields(Strip):
+    """Fields as above, one for each ramp in which beta is not zero."""
+
     material: bool = True
     fixed: bool = False
 
@@ -51,27 +76,15 @@ class BendFields:
         return tuple(f"bend {'xyz'[self.push]} over {lo:g}-{hi:g}" for lo, hi in self.ramps)
 
     @property
-    def tools(self) -> tuple[str, ...]:
-        return (self.tool,)
-
-    def even(self, axis: int, middle: float, near: float) -> bool:
-        return axis == 3 - self.axis - self.push  # wherever the middle: every section has its own
-
-    @property
     def normal(self) -> np.ndarray:
         """Axis of the rotations."""
         return np.cross(np.eye(3)[self.axis], np.eye(3)[self.push])
 
     def _turns(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """beta [1/m] and its derivative along the axis, shape [ramps, points]."""
-        s = 1.0 + self.sign * (at - self.held) / self.length
-        beta, slope = [], []
-        for lo, hi in self.ramps:
-            _, f1, f2 = smoothstep((s - lo) / (hi - lo))
-            scale = 1.0 / (self.length * (hi - lo))
-            beta.append(f1 * scale)
-            slope.append(self.sign * f2 * scale**2)
-        return np.array(beta), np.array(slope)
+        steps = [self.risen(at, ramp) for ramp in self.ramps]
+        beta, slope = (np.array([f[n] for f in steps]) for n in (1, 2))
+        return self.sign * beta, self.sign * slope
 
     @cached_property
     def _last(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
@@ -121,6 +134,3 @@ class BendFields:
         at, _, mean = self._means(motion.X)
         slope = np.cross(self.normal, mean @ motion.F[..., self.axis])
         return {self.tool: (self._integrals(at)[1] @ slope[:, None])[:, :, 0]}
-
-    def inside(self, boundary: np.ndarray) -> np.ndarray:
-        return np.ones(len(self.ramps), dtype=bool)
