@@ -141,7 +141,7 @@ def test_shared_jelly_reads_a_quarter_of_the_papers_bias():
 
 # --- the twin as an option of the weak form -------------------------------------------------------
 def swinging(values):
-    """1,200 tracks of a free block that starts to swell and shear, at 200 Hz."""
+    """600 tracks of a free block that starts to swell and shear, at 200 Hz."""
     solver = Solver(
         dx=0.025, nodes=(40, 40, 40), dt=5e-4, gradient="mls", walls=(), gravity=(0.0, 0.0, 0.0)
     )
@@ -151,7 +151,7 @@ def swinging(values):
     simulation.set_material(values)
     simulation.reset(body.x, (body.x - body.x.mean(axis=0)) @ rate.T)
     step = np.arange(0, 501, 10)
-    tracked = np.random.default_rng(0).choice(len(body.x), 1200, replace=False)
+    tracked = np.random.default_rng(0).choice(len(body.x), 600, replace=False)
     return Recording(
         time=step * solver.dt,
         p_WQ=simulation.run(step)[:, tracked],
@@ -163,8 +163,13 @@ def swinging(values):
     )
 
 
-def test_a_twin_brings_the_weak_form_nearer_to_the_truth():
-    found = identify(swinging(TRUE), twin=swinging, weak=WeakOptions(draws=0))
+@pytest.fixture(scope="module")
+def swung():
+    return swinging(TRUE)
+
+
+def test_a_twin_brings_the_weak_form_nearer_to_the_truth(swung):
+    found = identify(swung, twin=swinging, weak=WeakOptions(draws=0))
     without = {k: v["value"] for k, v in found.details["without_twin"].items()}
     assert found.details["twins"] == 2 and "without twin" in str(found)
     assert np.abs(errors(without)).max() > 0.05
@@ -176,10 +181,10 @@ def test_the_stated_scene_is_rolled_again(recording):
     np.testing.assert_array_equal(again.p_WQ, recording.p_WQ)
 
 
-def test_twins_that_cannot_be_are_one_line(recording):
+def test_twins_that_cannot_be_are_one_line(recording, swung):
     with pytest.raises(ValueError, match="--twin applies to the weak form"):
         identify(recording, LAW.name, twin=swinging)
-    made = replace(swinging(TRUE), v_0=None)
+    made = replace(swung, v_0=None)
     with pytest.raises(ValueError, match="must state its solver"):
         identify(made, twin="stated")
     with pytest.raises(ValueError, match="must be those of the recording"):

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ import pytest
 from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.diagnose import ProbeReading
 from form_drake.identify import WeakOptions
+from form_drake.identify.weak import weighed
 from form_drake.identify.worth import noise_bias
 from form_drake.laws import law_named
 from form_drake.motion import Motion, Sampling, body, fit_tracks
@@ -43,12 +45,13 @@ def oracle(name):
 
 @pytest.fixture(scope="module")
 def exact():
-    return oracle("exact_motion")
+    """``make`` of the exact motions, each made once."""
+    return cache(oracle("exact_motion").make)
 
 
 def recording(exact, case, seed=0, **changes):
     """The recording of an exact motion, and the true parameters."""
-    arrays, facts, truth = exact.make(case, seed)
+    arrays, facts, truth = exact(case, seed)
     plain = ("p_reference", "gravity", "body_force", "pressure")
     tools = [k[6:-5] for k in arrays if k.startswith("force_") and k.endswith("_time")]
     forces = {t: Stream(arrays[f"force_{t}_time"], arrays[f"force_{t}_value"]) for t in tools}
@@ -169,10 +172,15 @@ INSIDE = (
 )
 
 
+@pytest.fixture(scope="module")
+def inside(exact):
+    """Answers to motion inside, by law, each found once."""
+    return cache(lambda law: identify(recording(exact, law)[0], weak=WeakOptions(draws=1)))
+
+
 @pytest.mark.parametrize("law", INSIDE)
-def test_motion_inside_gives_the_law(exact, law):
-    made, truth = recording(exact, law)
-    answer = identify(made, weak=WeakOptions(draws=1))
+def test_motion_inside_gives_the_law(exact, inside, law):
+    truth, answer = recording(exact, law)[1], inside(law)
     assert answer.method == "weak"
     assert max(errors(answer, truth).values()) < 5e-3
 
@@ -249,9 +257,8 @@ def test_a_yield_stress_alone_is_no_known_strain(exact):
     assert errors(answer, truth)["tau_y"] < 5e-3
 
 
-def test_effects_read_the_stress_that_yield_leaves(exact):
-    made, _ = recording(exact, "von-mises")
-    answer = identify(made, weak=WeakOptions(draws=0))
+def test_effects_read_the_stress_that_yield_leaves(inside):
+    answer = inside("von-mises")
     problem, values = answer.weak.problem, answer.material.values
     eta, theta = problem.coordinates(values)
     (reading,) = ProbeReading.of(problem, values)
@@ -267,9 +274,9 @@ def test_noise_that_lasts_is_that_of_draws(exact):
     made, _ = recording(exact, "von-mises")
     rng = np.random.default_rng(0)
     noisy = replace(made, p_WQ=made.p_WQ + 2e-5 * rng.standard_normal(made.p_WQ.shape))
-    answer = identify(noisy, weak=WeakOptions(draws=0))
-    problem = answer.weak.problem.coarser
-    eta, theta = problem.coordinates(answer.material.values)
+    found = weighed([noisy], law_named("von-mises"), made.known, WeakOptions(draws=0))
+    problem, eta = found.problem.coarser, found.eta
+    theta = problem.unknowns.theta(found.solution.theta)
     (probe,), (A, b) = problem.probes, problem.rows(eta, theta)
     drawn = []
     for seed in range(40):
