@@ -58,14 +58,27 @@ class Motion:
 
 def cofactor(F: np.ndarray) -> np.ndarray:
     """Cofactors of 3 x 3 matrices, shape [..., 3, 3]: J F^-T."""
-    rows = [np.cross(F[..., (i + 1) % 3, :], F[..., (i + 2) % 3, :]) for i in range(3)]
-    return np.stack(rows, axis=-2)
+    found = np.empty(F.shape, F.dtype)
+    for i in range(3):
+        for j in range(3):
+            found[..., i, j] = _minor(F, i, j)
+    return found
+
+
+def _minor(F: np.ndarray, i: int, j: int) -> np.ndarray:
+    """The cofactor of an entry, shape [...]."""
+    (a, b), (c, d) = (((k + 1) % 3, (k + 2) % 3) for k in (i, j))
+    found: np.ndarray = F[..., a, c] * F[..., b, d] - F[..., a, d] * F[..., b, c]
+    return found
 
 
 def determinant(F: np.ndarray) -> np.ndarray:
     """Determinants of 3 x 3 matrices, shape [...]."""
-    found: np.ndarray = np.sum(F[..., 0, :] * np.cross(F[..., 1, :], F[..., 2, :]), axis=-1)
-    return found
+    return (
+        F[..., 0, 0] * _minor(F, 0, 0)
+        + F[..., 0, 1] * _minor(F, 0, 1)
+        + F[..., 0, 2] * _minor(F, 0, 2)
+    )
 
 
 def inverse(F: np.ndarray) -> np.ndarray:

@@ -13,14 +13,16 @@ from form_drake.weak.fields import Sampled
 def smoothstep(s: np.ndarray, derivatives: int = 2) -> tuple[np.ndarray, ...]:
     """Quintic from 0 to 1 over s in [0, 1], with its first derivatives."""
     s = np.clip(s, 0.0, 1.0)
-    inside = (s > 0.0) & (s < 1.0)
-    found = (
-        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-        30.0 * s**2 * (1.0 - s) ** 2,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-        60.0 * (1.0 - 6.0 * s + 6.0 * s**2) * inside,
-    )
-    return found[: derivatives + 1]
+    square, left = s * s, 1.0 - s
+    found = [s * square * (10.0 - 15.0 * s + 6.0 * square)]
+    if derivatives > 0:
+        found.append(30.0 * square * left**2)
+    if derivatives > 1:
+        found.append(60.0 * s * left * (1.0 - 2.0 * s))
+    if derivatives > 2:
+        inside = (s > 0.0) & (s < 1.0)
+        found.append(60.0 * (1.0 - 6.0 * s + 6.0 * square) * inside)
+    return tuple(found)
 
 
 @dataclass(frozen=True)

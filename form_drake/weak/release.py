@@ -5,6 +5,8 @@ the slenderness. The measured stretches there carry noise and nothing else, so t
 F' = F diag(s) with e . F'^T P(F') e = 0 for every such direction e (fibre: two, plane stress: one).
 """
 
+from functools import partial
+
 import numpy as np
 
 from form_drake.laws import Law, Values
@@ -13,7 +15,7 @@ from form_drake.weak.stress import unit_stresses
 
 ROUNDS = 12
 STEP = 1e-6
-CLOSE = 1e-7  # of the stretches
+CLOSE = 1e-4  # change of the stretches in a step of Newton, which leaves of the order of its square
 SANE = (0.1, 10.0)  # changes of volume that a start is made for
 LOST = 1e-3  # share of points, far outside what the tracks cover, that may not converge
 
@@ -56,7 +58,8 @@ def released(
         T = np.tensordot(theta, unit_stresses(law, G, still, values), axes=1)
         # e . F^-1 tau F^-T e for Kirchhoff tau: the second Piola stress along e
         rows = [back[..., a, :] / s[..., a, None] for a in axes]
-        return np.stack([np.einsum("...i,...ij,...j->...", e, T, e) for e in rows], axis=-1)
+        pulls = [np.einsum("...ij,...j->...i", T, e) for e in rows]
+        return np.stack(list(map(partial(np.einsum, "...i,...i->..."), rows, pulls)), axis=-1)
 
     for _ in range(ROUNDS):
         now = normal(stretch)
