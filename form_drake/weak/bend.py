@@ -56,12 +56,15 @@ class Strip:
     def inside(self, boundary: np.ndarray) -> np.ndarray:
         return np.ones(len(self.ramps), dtype=bool)
 
-    def risen(self, at: np.ndarray, ramp: tuple[float, float]) -> tuple[np.ndarray, ...]:
-        """A step over a ramp at coordinates along the axis [m], and its three derivatives along it."""
+    def risen(
+        self, at: np.ndarray, ramp: tuple[float, float], derivatives: int
+    ) -> tuple[np.ndarray, ...]:
+        """A step over a ramp at coordinates along the axis [m], and its first derivatives along it."""
         lo, hi = ramp
         s = 1.0 + self.sign * (at - self.held) / self.length
         scale = self.sign / (self.length * (hi - lo))
-        return tuple(f * scale**n for n, f in enumerate(smoothstep((s - lo) / (hi - lo), 3)))
+        found = smoothstep((s - lo) / (hi - lo), derivatives)
+        return tuple(f * scale**n for n, f in enumerate(found))
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class BendFields(Strip):
 
     def _turns(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """beta [1/m] and its derivative along the axis, shape [ramps, points]."""
-        steps = [self.risen(at, ramp) for ramp in self.ramps]
+        steps = [self.risen(at, ramp, 2) for ramp in self.ramps]
         beta, slope = (np.array([f[n] for f in steps]) for n in (1, 2))
         return self.sign * beta, self.sign * slope
 

@@ -35,7 +35,7 @@ class BendCurlFields(Strip):
         value, gradient = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
         z, x = self.axis, self.push
         for n, ramp in enumerate(self.ramps):
-            step, *slopes = self.risen(at, ramp)
+            step, *slopes = self.risen(at, ramp, 3)
             g1, g2, g3 = (-f for f in slopes)
             value[:, n, :, x] = 1.0 - step + 0.5 * q**2 * g2
             value[:, n, :, z] = -q * g1

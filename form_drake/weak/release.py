@@ -5,8 +5,6 @@ the slenderness. The measured stretches there carry noise and nothing else, so t
 F' = F diag(s) with e . F'^T P(F') e = 0 for every such direction e (fibre: two, plane stress: one).
 """
 
-from functools import partial
-
 import numpy as np
 
 from form_drake.laws import Law, Values
@@ -59,7 +57,7 @@ def released(
         # e . F^-1 tau F^-T e for Kirchhoff tau: the second Piola stress along e
         rows = [back[..., a, :] / s[..., a, None] for a in axes]
         pulls = [np.einsum("...ij,...j->...i", T, e) for e in rows]
-        return np.stack(list(map(partial(np.einsum, "...i,...i->..."), rows, pulls)), axis=-1)
+        return np.stack([np.sum(e * p, axis=-1) for e, p in zip(rows, pulls, strict=True)], axis=-1)
 
     for _ in range(ROUNDS):
         now = normal(stretch)
