@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from multiprocessing.pool import Pool
 from typing import Any, Generic, TypeVar
 
@@ -88,8 +89,17 @@ def parted(work: Callable[[slice], None], count: int, least: int) -> None:
     if parts == 1:
         return work(slice(0, count))
     ends = [count * n // parts for n in range(parts + 1)]
-    with ThreadPoolExecutor(parts) as pool:
-        list(pool.map(work, map(slice, ends[:-1], ends[1:])))
+    first, *others = map(slice, ends[:-1], ends[1:])
+    begun = [_threads(os.getpid()).submit(work, part) for part in others]
+    work(first)
+    for part in begun:
+        part.result()
+
+
+@cache
+def _threads(_process: int) -> ThreadPoolExecutor:
+    """Threads of this process: a copy has none of those that it was copied with."""
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
 
 class Newest(Generic[R, T]):

@@ -11,10 +11,12 @@ from form_drake.weak.noise import Moments
 from form_drake.weak.solve import throughout
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row, WeakSystem
+from form_drake.weak.tangent import State, tangent
 
 LAW = law_named("von-mises")
 THETA = np.array([3.0e4, 4.5e4])
 R = np.array([0.004, 0.0, 0.0, 0.0])
+VALUES = {"mu": THETA[0], "lam": THETA[1], "tau_y": 2.0 * THETA[0] * R[0]}
 TIMES, POINTS, FIELDS = 14, 3, 2
 H = 1e-5
 
@@ -59,8 +61,8 @@ def by_history(F, chi, m):
 
 def found_at(F, chi, most, every=1):
     def back(trial, first):
-        elastic = elastic_part(LAW, trial.reshape(1, -1, 3, 3), R).reshape(trial.shape)
-        return elastic, stress(elastic)
+        at = State(trial, np.zeros_like(trial))
+        return tangent(LAW, at, VALUES, THETA, elastic=True)
 
     elastic = elastic_part(LAW, F, R)
     return lasting(F, elastic, lambda n: PAIRING[n], chi, back, most, every)

@@ -139,7 +139,7 @@ def responses(law: Law, decomposition: str, precision: str):
 def stress(law: Law, decomposition: str, precision: str):
     """Warp function (F, e, L, theta, s) -> Kirchhoff stress [Pa]."""
     t, make = types(precision), point(law, decomposition, precision)
-    total = _summed(tuple(term.response for term in law.terms))
+    total = summed(tuple(term.response for term in law.terms))
     bulk = bulk_index(law)
 
     @wp.func
@@ -150,7 +150,7 @@ def stress(law: Law, decomposition: str, precision: str):
     return function
 
 
-def _summed(functions: tuple[wp.Function, ...]):
+def summed(functions: tuple[wp.Function, ...]):
     """Warp function (q, theta, s) -> sum over k of theta[k] times the k-th function's response.
 
     One function calls the next instead of a loop over ``wp.static(functions[k])``: Warp's cache
@@ -166,7 +166,7 @@ def _summed(functions: tuple[wp.Function, ...]):
 
     if not before:
         return first
-    rest = _summed(tuple(before))
+    rest = summed(tuple(before))
 
     @wp.func
     def function(q: Any, theta: Any, s: Any):

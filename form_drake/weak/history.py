@@ -18,14 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from form_drake.motion.motion import inverse
+from form_drake.weak.tangent import Tangent
 
-STEP = 1e-6  # of strain, in the differences
 FORGOTTEN = 0.01  # share of the most that a window has held of U, below which nothing is left
 FLOWS = 1e-3  # |D - 1|, below which nothing does
 
-# trial elastic deformation gradients at times from the first on, [times, points, 3, 3] -> those after
-# the return, and their Kirchhoff stress [Pa]
-Return = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+# trial elastic deformation gradients at times from the first on, [times, points, 3, 3] -> the return
+# to the yield surface, of Kirchhoff stresses, with derivatives of the elastic part
+Return = Callable[[np.ndarray, int], Tangent]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,9 @@ def lasting(
     count = max(1, most // points)
     for end in range(len(F), 1, -count):
         first = max(1, end - count)
-        D, C = _tangents(F[first:end] @ U[first - 1 : end - 1], first, back)
+        met = back(F[first:end] @ U[first - 1 : end - 1], first)
+        assert met.elastic_by_F is not None
+        D, C = (a.reshape(*a.shape[:3], 9) for a in (met.elastic_by_F, met.by_F))
         for n in range(end - 1, first - 1, -1):
             alive = np.flatnonzero(largest)
             turned, before = (_each(a.swapaxes(1, 2)) for a in (F[n], U[n - 1]))
@@ -118,18 +120,7 @@ def _pulled(a: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
     Args:
         a: by the image, shape [points, windows, fields, 3, 3].
-        slope: of the image, shape [points, 9, 9], the matrix first.
+        slope: of the image, shape [points, 9, 9], the matrix last.
     """
-    flat = a.reshape(len(a), -1, 9) @ slope.swapaxes(1, 2)
+    flat = a.reshape(len(a), -1, 9) @ slope
     return flat.reshape(a.shape)
-
-
-def _tangents(trial: np.ndarray, first: int, back: Return) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of elastic part and stress by the trial, shape [times, points, 9, 9], the trial's first."""
-    still = back(trial, first)
-    found: list[list[np.ndarray]] = [[], []]
-    for unit in np.eye(9).reshape(9, 3, 3):
-        for slopes, at, start in zip(found, back(trial + STEP * unit, first), still, strict=True):
-            slopes.append((at - start) / STEP)
-    D, C = (np.stack(f, axis=2).reshape(*trial.shape[:2], 9, 9) for f in found)
-    return D, C

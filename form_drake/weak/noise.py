@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from form_drake.motion import Fit, Motion, Sampling
-from form_drake.motion.motion import inverse
 from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import forces, runs
 from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.fields import Fields
+from form_drake.weak.tangent import Tangent
 
-STEP = 1e-6  # of strain, in the differences below
-
-# (F, L, indices of times) -> Kirchhoff stress [Pa] and the F it belongs to, [times, points, 3, 3]
-Stress = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+# indices of times -> the stress there, first Piola's where fields are material, else Kirchhoff's
+Tangents = Callable[[np.ndarray, bool], Tangent]
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ def slopes(
     fields: Fields,
     motion: Motion,
     at: np.ndarray,
-    stress: Stress,
+    tangents: Tangents,
     gravity: np.ndarray,
     rates: bool,
     bases: Bases,
@@ -112,22 +110,11 @@ def slopes(
     if isinstance(fields, HeldFields):
         now = _by_value(-STIFFNESS * fields.at(looks).value, bases).swapaxes(1, 2).copy()
         return Slopes(now, np.zeros_like(now), np.zeros_like(now) if rates else None)
-
-    def pushed(dF: np.ndarray, dL: np.ndarray) -> np.ndarray:
-        tau, paired = stress(looks.F + dF, looks.L + dL, at)
-        if fields.material:
-            tau = tau @ inverse(paired).swapaxes(-1, -2)
-        return motion.volume[:, None, None] * tau
-
-    none = np.zeros((3, 3))
-    still = pushed(none, none)
-    by_F = _differences(lambda E: pushed(E, none), still, STEP)
-    by_rate = None
-    if rates:
-        speed = STEP * max(float(np.abs(looks.L).max()), 1e-3)
+    met, volume = tangents(at, fields.material), motion.volume[:, None, None]
+    still, by_F, by_rate = volume * met.stress, volume[..., None] * met.by_F, None
+    if met.by_L is not None:
         # L = dF/dt F^-1
-        by_L = _differences(lambda E: pushed(none, E), still, speed)
-        by_rate = by_L @ looks.inverse.swapaxes(-1, -2)[:, :, None]
+        by_rate = volume[..., None] * met.by_L @ looks.inverse.swapaxes(-1, -2)[:, :, None]
         by_F = by_F - looks.L.swapaxes(-1, -2)[:, :, None] @ by_rate
     weight, found, momentum = forces(looks, gravity), [], None
     for own in runs(looks, fields):
@@ -145,15 +132,6 @@ def slopes(
         np.concatenate(p).swapaxes(1, 2).copy() for p in zip(*found, strict=True)
     )
     return Slopes(now, momentum, rate if rates else None)
-
-
-def _differences(
-    pushed: Callable[[np.ndarray], np.ndarray], still: np.ndarray, step: float
-) -> np.ndarray:
-    """Derivatives of 3 x 3 matrices by the entries of another, shape [times, points, 9, 3, 3]."""
-    units = np.eye(9).reshape(9, 3, 3)
-    found = np.stack([(pushed(step * E) - still) / step for E in units], axis=-1)
-    return found.reshape(*found.shape[:2], 9, 3, 3)
 
 
 def _by_gradient(gradient: np.ndarray, slope: np.ndarray, bases: Bases) -> np.ndarray:

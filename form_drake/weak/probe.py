@@ -20,6 +20,7 @@ from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row
+from form_drake.weak.tangent import State, Tangent, tangent
 from form_drake.weak.windows import Windows
 
 POINTS = 2**15  # at all times together, whose stresses are differentiated at once
@@ -235,36 +236,35 @@ class Probe:
         lasting: bool = False,
     ) -> np.ndarray:
         motion = self.motion
-        elastic = self._elastic(law, values, motion)
+        rates, unload, own = "rate" in law.needs, None, motion.F
         if law.flow == "plastic":
-            before = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), elastic[:-1]])
-            last = np.concatenate([np.broadcast_to(np.eye(3), elastic[:1].shape), motion.F[:-1]])
-            unload = inverse(last) @ before
+            elastic = self._elastic(law, values, motion)
+            first = np.broadcast_to(np.eye(3), elastic[:1].shape)
+            unload = np.concatenate([first, inverse(motion.F[:-1]) @ elastic[:-1]])
+        if self.released:
+            own = self._released(law, values, theta)
 
-        def stress(F: np.ndarray, L: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            if self.released:
-                near = self._released(law, values, theta)[at]
-                F = released(law, F, values, theta, self.released, near)
-            paired = F
-            if law.flow == "plastic":
-                trial = F @ unload[at]
-                flat = trial.reshape(1, -1, 3, 3)
-                F = elastic_part(law, flat, law.radius_vector(values)).reshape(F.shape)
-            p = None if motion.pressure is None else motion.pressure[at]
-            T = unit_stresses(law, F, L, values, p)
-            return np.tensordot(theta, T, axes=1), paired
+        def tangents(at: np.ndarray, material: bool) -> Tangent:
+            state = State(
+                own[at],
+                motion.L[at],
+                unload=None if unload is None else unload[at],
+                seen=motion.F[at] if self.released else None,
+                axes=self.released,
+                pressure=None if motion.pressure is None else motion.pressure[at],
+            )
+            return tangent(law, state, values, theta, material=material, rates=rates)
 
         width = float(np.diff(self.windows.ends, axis=1).min())
         step = float(np.median(np.diff(motion.time)))
         every = max(1, int(np.ceil(width / step / LOOKS - 1e-6)))
         at = np.arange(0, len(motion.time), every)
-        rates = "rate" in law.needs
         bases = Bases.of(self.fit, self.sampling, parts)
         count = max(1, POINTS // len(motion.X))
         blocks = [at[n : n + count] for n in range(0, len(at), count)]
         families = [
             Slopes.joined(
-                [slopes(f, motion, b, stress, self.gravity, rates, bases) for b in blocks]
+                [slopes(f, motion, b, tangents, self.gravity, rates, bases) for b in blocks]
             )
             for f in self.fields
         ]
@@ -277,13 +277,13 @@ class Probe:
         self, law: Law, values: Values, theta: np.ndarray, bases: Bases, every: int
     ) -> list[Past]:
         """What lasts of the motion in plastic strain, looks of ``every`` times together."""
-        motion, r = self.motion, law.radius_vector(values)
+        motion = self.motion
 
-        def back(trial: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-            F = elastic_part(law, trial.reshape(1, -1, 3, 3), r).reshape(trial.shape)
-            own = slice(first, first + len(F))
+        def back(trial: np.ndarray, first: int) -> Tangent:
+            own = slice(first, first + len(trial))
             p = None if motion.pressure is None else motion.pressure[own]
-            return F, np.tensordot(theta, unit_stresses(law, F, motion.L[own], values, p), axes=1)
+            state = State(trial, motion.L[own], pressure=p)
+            return tangent(law, state, values, theta, elastic=True)
 
         def pairing(n: int) -> np.ndarray:
             look, found = motion.at(slice(n, n + 1)), []

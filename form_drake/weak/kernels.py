@@ -1,0 +1,331 @@
+"""Warp kernels of the weak form: a law's stress along a motion, its derivatives, and free stretches."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from form_drake.laws import Law, Values
+from form_drake.laws.kernels import flow, point, strain, summed
+from form_drake.laws.memory import LARGEST
+
+PRECISION, DECOMPOSITION = "float64", "series"
+NEWTON_STEP, NEWTON_LONGEST = 1e-6, 0.2  # of a stretch: in differences, and in one step
+# change of a stretch in a step of Newton, which leaves of the order of its square
+NEWTON_CLOSE = 1e-4
+
+real, vec3, vec4, mat = wp.float64, wp.vec3d, wp.vec4d, wp.mat33d
+slopes = wp.array3d(dtype=real)  # [point, entry of the image, entry of the matrix]
+
+
+def loaded(kernel: Any) -> Any:
+    """The same kernel, which no two threads will then load at once."""
+    kernel.module.load(wp.get_device("cpu"), 1)
+    return kernel
+
+
+def matrices(a: np.ndarray):
+    """3 x 3 matrices, shape [..., 3, 3], one after another."""
+    flat = np.ascontiguousarray(a, dtype=float).reshape(-1, 3, 3)
+    return wp.array(flat, dtype=mat, device="cpu")
+
+
+def numbers(a: np.ndarray):
+    """Numbers, shape [n]."""
+    return wp.array(np.ascontiguousarray(a, dtype=float), dtype=real, device="cpu")
+
+
+def constants(law: Law, values: Values, theta: np.ndarray) -> list[Any]:
+    """The arguments theta, kappa, s and r of ``response``."""
+    kappa = real(values.get("kappa", 0.0))
+    s, r = vec4(*law.shape_vector(values)), vec4(*law.radius_vector(values))
+    return [numbers(theta), kappa, s, r]
+
+
+@cache
+def response(law: Law):
+    """Warp function: stress [Pa] that a law's flow leaves of a trial F, and the elastic part of F."""
+    make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
+    total = summed(tuple(term.response for term in law.terms))
+
+    @wp.func
+    def still(F: mat, r: vec4):
+        return F, measure(F)
+
+    keep = flow(law, DECOMPOSITION, PRECISION) if law.flow == "plastic" else still
+
+    @wp.func
+    def function(
+        F: mat,
+        L: mat,
+        theta: wp.array(dtype=real),
+        kappa: real,
+        s: vec4,
+        r: vec4,
+        supplied: int,
+        p: real,
+    ):
+        elastic, e = keep(F, r)
+        q = make(elastic, e, L, kappa)
+        if supplied != 0:
+            q.p = p
+        return total(q, theta, s), elastic
+
+    return function
+
+
+@cache
+def history(law: Law):
+    """Kernel (F[time, point], r) -> elastic F[time, point], from the stress-free state on.
+
+    F moves straight from one time to the next, in strides no longer than ``LARGEST``: the return to
+    the yield surface is of first order in them.
+    """
+    keep, largest = flow(law, DECOMPOSITION, PRECISION), wp.constant(real(LARGEST))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(F: wp.array2d(dtype=mat), r: vec4, out: wp.array2d(dtype=mat)):
+        i = wp.tid()
+        start, _e = keep(F[0, i], r)
+        out[0, i] = start
+        for n in range(1, F.shape[0]):
+            last = F[n - 1, i]
+            stride = F[n, i] - last
+            count = 1 + int(wp.sqrt(wp.ddot(stride, stride)) / largest)
+            elastic = out[n - 1, i]
+            for k in range(1, count + 1):
+                now = F[n - 1, i] + real(k) / real(count) * stride
+                new, _e = keep(now * wp.inverse(last) * elastic, r)
+                elastic, last = new, now
+            out[n, i] = elastic
+
+    return kernel
+
+
+@cache
+def stretching(law: Law):
+    """Kernel: Newton's method for the stretches along traction-free axes, see ``weak.release``.
+
+    F becomes what it is with them; what is no number ends where it is.
+    """
+    pulls = _pulls(law)
+    h, longest = wp.constant(real(NEWTON_STEP)), wp.constant(real(NEWTON_LONGEST))
+    close = wp.constant(real(NEWTON_CLOSE))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        theta: wp.array(dtype=real),
+        kappa: real,
+        shape: vec4,
+        r: vec4,
+        axes: wp.vec2i,
+        rounds: int,
+        start: wp.array(dtype=vec3),
+        F: wp.array(dtype=mat),
+        ended: wp.array(dtype=int),
+    ):
+        i = wp.tid()
+        a = axes[0]
+        b = axes[1]
+        s = start[i]
+        for _ in range(rounds):
+            now = pulls(F[i], s, theta, kappa, shape, r)
+            one = vec3()
+            one[a] = h
+            by_a = (pulls(F[i], s + one, theta, kappa, shape, r) - now) / h
+            change = vec3()
+            if b < 0:
+                change[a] = -now[a] / by_a[a]
+            else:
+                two = vec3()
+                two[b] = h
+                by_b = (pulls(F[i], s + two, theta, kappa, shape, r) - now) / h
+                whole = by_a[a] * by_b[b] - by_a[b] * by_b[a]
+                change[a] = (by_b[a] * now[b] - by_b[b] * now[a]) / whole
+                change[b] = (by_a[b] * now[a] - by_a[a] * now[b]) / whole
+            for k in range(3):
+                if wp.isnan(change[k]):
+                    change[k] = real(0.0)
+                change[k] = wp.clamp(change[k], -longest, longest)
+            s += change
+            if wp.max(wp.abs(change)) <= close:
+                ended[i] = 1
+                break
+        F[i] = F[i] * wp.diag(s)
+
+    return kernel
+
+
+def _pulls(law: Law):
+    """Warp function: the second Piola stress along every axis, of F with its columns stretched."""
+    evaluate = response(law)
+
+    @wp.func
+    def function(F: mat, s: vec3, theta: wp.array(dtype=real), kappa: real, shape: vec4, r: vec4):
+        G = F * wp.diag(s)
+        tau, _elastic = evaluate(G, mat(), theta, kappa, shape, r, 0, real(0.0))
+        back = wp.inverse(G)
+        return wp.get_diag(back * tau * wp.transpose(back))
+
+    return function
+
+
+@cache
+def tangents(law: Law):
+    """Kernel: stress and its derivatives, see ``weak.tangent``.
+
+    ``nine`` is what it says, an argument since the compiler would unroll loops over a constant.
+    """
+    evaluate = response(law)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        F: wp.array(dtype=mat),
+        L: wp.array(dtype=mat),
+        unload: wp.array(dtype=mat),
+        seen: wp.array(dtype=mat),
+        pressure: wp.array(dtype=real),
+        theta: wp.array(dtype=real),
+        kappa: real,
+        s: vec4,
+        r: vec4,
+        step: real,
+        speed: real,
+        axes: wp.vec2i,
+        material: int,
+        nine: int,
+        stress: wp.array(dtype=mat),
+        by_F: slopes,
+        by_L: slopes,
+        elastic_by_F: slopes,
+    ):
+        i = wp.tid()
+        U = wp.identity(n=3, dtype=real)
+        if unload.shape[0] > 0:
+            U = unload[i]
+        p = real(0.0)
+        if pressure.shape[0] > 0:
+            p = pressure[i]
+        tau, elastic = evaluate(F[i] * U, L[i], theta, kappa, s, r, pressure.shape[0], p)
+        for f in range(nine):
+            E = _entry(f, step)
+            new, back = evaluate((F[i] + E) * U, L[i], theta, kappa, s, r, pressure.shape[0], p)
+            _write(by_F, i, f, (new - tau) / step)
+            if elastic_by_F.shape[0] > 0:
+                _write(elastic_by_F, i, f, (back - elastic) / step)
+            if by_L.shape[0] > 0:
+                E = _entry(f, speed)
+                new, _b = evaluate(F[i] * U, L[i] + E, theta, kappa, s, r, pressure.shape[0], p)
+                _write(by_L, i, f, (new - tau) / speed)
+        T = wp.transpose(wp.inverse(F[i]))
+        along = vec3(real(1.0), real(1.0), real(1.0))
+        one = mat()
+        two = mat()
+        if seen.shape[0] > 0:
+            along, one, two = _stretches(by_F, i, F[i], seen[i], T, tau, axes, nine)
+            _chain(by_F, i, seen[i], along, one, two, axes, nine)
+        if material != 0:
+            tau = tau * T
+            G = F[i]
+            if seen.shape[0] > 0:
+                G = seen[i]
+            for f in range(nine):
+                dG = _moved(f, G, along, one, two, axes)
+                _write(by_F, i, f, (_read(by_F, i, f) - tau * wp.transpose(dG)) * T)
+                if by_L.shape[0] > 0:
+                    _write(by_L, i, f, _read(by_L, i, f) * T)
+        stress[i] = tau
+
+    return kernel
+
+
+@wp.func
+def _entry(f: int, size: real):
+    """A matrix with one entry that is not zero."""
+    E = mat()
+    E[f / 3, f % 3] = size
+    return E
+
+
+@wp.func
+def _column(a: mat, n: int):
+    return vec3(a[0, n], a[1, n], a[2, n])
+
+
+@wp.func
+def _write(out: slopes, i: int, f: int, D: mat):
+    """Derivatives by one entry."""
+    for k in range(3):
+        for m in range(3):
+            out[i, 3 * k + m, f] = D[k, m]
+
+
+@wp.func
+def _read(out: slopes, i: int, f: int):
+    D = mat()
+    for k in range(3):
+        for m in range(3):
+            D[k, m] = out[i, 3 * k + m, f]
+    return D
+
+
+@wp.func
+def _stretches(by_G: slopes, i: int, G: mat, F: mat, T: mat, tau: mat, axes: wp.vec2i, nine: int):
+    """Stretches along traction-free directions and their derivatives by F.
+
+    With G = F diag(s) and S = G^-1 tau G^-T, S_aa = 0 along such a direction a at any F, so that
+    sum_b (H_a)_b . F_b ds_b = -sum_l s_l (H_a)_l . dF_l with H_a = dS_aa / dG, index of columns.
+    """
+    a = axes[0]
+    b = wp.max(axes[1], 0)
+    s = vec3(real(1.0), real(1.0), real(1.0))
+    s[a] = wp.length(_column(G, a)) / wp.length(_column(F, a))
+    S = wp.transpose(T) * tau * T
+    g = _column(T, a)
+    h = _column(T, b)
+    Ha = mat()
+    Hb = mat()
+    for f in range(nine):
+        D = _read(by_G, i, f)
+        Ha[f / 3, f % 3] = wp.dot(g, D * g) - real(2.0) * g[f / 3] * S[f % 3, a]
+        Hb[f / 3, f % 3] = wp.dot(h, D * h) - real(2.0) * h[f / 3] * S[f % 3, b]
+    aa = wp.dot(_column(Ha, a), _column(F, a))
+    if axes[1] < 0:
+        return s, -(real(1.0) / aa) * (Ha * wp.diag(s)), mat()
+    s[b] = wp.length(_column(G, b)) / wp.length(_column(F, b))
+    ab = wp.dot(_column(Ha, b), _column(F, b))
+    ba = wp.dot(_column(Hb, a), _column(F, a))
+    bb = wp.dot(_column(Hb, b), _column(F, b))
+    Ha = Ha * wp.diag(s)
+    Hb = Hb * wp.diag(s)
+    share = real(1.0) / (aa * bb - ab * ba)
+    return s, share * (ab * Hb - bb * Ha), share * (ba * Ha - aa * Hb)
+
+
+@wp.func
+def _moved(f: int, F: mat, s: vec3, one: mat, two: mat, axes: wp.vec2i):
+    """How F diag(s) moves with an entry of F, where s moves by ``one`` and ``two`` along two axes."""
+    dG = _entry(f, s[f % 3])
+    for k in range(3):
+        for m in range(3):
+            if m == axes[0]:
+                dG[k, m] = dG[k, m] + one[f / 3, f % 3] * F[k, m]
+            if m == axes[1]:
+                dG[k, m] = dG[k, m] + two[f / 3, f % 3] * F[k, m]
+    return dG
+
+
+@wp.func
+def _chain(by_G: slopes, i: int, F: mat, s: vec3, one: mat, two: mat, axes: wp.vec2i, nine: int):
+    """Derivatives by F diag(s) become those by F."""
+    for e in range(nine):
+        a = real(0.0)
+        b = real(0.0)
+        for k in range(3):
+            a += by_G[i, e, 3 * k + axes[0]] * F[k, axes[0]]
+            if axes[1] >= 0:
+                b += by_G[i, e, 3 * k + axes[1]] * F[k, axes[1]]
+        for f in range(nine):
+            own = by_G[i, e, f] * s[f % 3]
+            by_G[i, e, f] = own + a * one[f / 3, f % 3] + b * two[f / 3, f % 3]

@@ -1,0 +1,105 @@
+"""How the stress that a row integrates changes with the motion, all at a point in one kernel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from form_drake.laws import Law, Values
+from form_drake.weak.kernels import constants, loaded, matrices, numbers, real, tangents
+from form_drake.weak.stress import ALONE
+from form_drake.workers import parted
+
+STEP = 1e-6  # of strain, in the differences
+SLOWEST = 1e-3  # velocity gradient [1/s] of which a step is a share, where nothing moves faster
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A stress and its derivatives, whose entries come first and those of the matrix last.
+
+    Attributes:
+        stress: [Pa], shape [..., 3, 3].
+        by_F: shape [..., 9, 3, 3].
+        by_L: [Pa s], shape [..., 9, 3, 3]; None: not asked for.
+        elastic_by_F: of the elastic deformation gradient, shape [..., 9, 3, 3]; None: not asked for.
+    """
+
+    stress: np.ndarray
+    by_F: np.ndarray
+    by_L: np.ndarray | None = None
+    elastic_by_F: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class State:
+    """Where derivatives are taken, every array of shape [..., 3, 3].
+
+    Attributes:
+        F: deformation gradients that the stress is paired with.
+        L: velocity gradients [1/s].
+        unload: what leads from F to the trial elastic deformation gradient, F times this; None: I.
+        seen: F before its columns ``axes`` were stretched until they bear no stress; None: F itself.
+        axes: traction-free material directions, see ``form_drake.weak.release``.
+        pressure: supplied Cauchy pressure [Pa], shape [...]; None: the law's own.
+    """
+
+    F: np.ndarray
+    L: np.ndarray
+    unload: np.ndarray | None = None
+    seen: np.ndarray | None = None
+    axes: tuple[int, ...] = ()
+    pressure: np.ndarray | None = None
+
+
+def tangent(
+    law: Law,
+    at: State,
+    values: Values,
+    theta: np.ndarray,
+    *,
+    material: bool = False,
+    rates: bool = False,
+    elastic: bool = False,
+) -> Tangent:
+    """Stress of a law and its derivatives by ``at.F``, or by ``at.seen`` where the law stretches it.
+
+    Stretches along traction-free directions follow F such that none gets stress (derivatives of the
+    implicit function).
+
+    Args:
+        law: the law.
+        at: where.
+        values: its constants.
+        theta: coefficients of its terms.
+        material: whether the stress is the first Piola stress tau F^-T instead of Kirchhoff's.
+        rates: whether derivatives by L are wanted.
+        elastic: whether those of the elastic deformation gradient are.
+    """
+    shape, count = at.F.shape[:-2], int(np.prod(at.F.shape[:-2]))
+    given = [_flat(a) for a in (at.F, at.L, at.unload, at.seen)]
+    p = np.zeros(0) if at.pressure is None else at.pressure.ravel()
+    out = [np.empty((count if on else 0, 9, 9)) for on in (True, rates, elastic)]
+    stress = np.empty((count, 3, 3))
+    speed = STEP * max(float(np.abs(at.L).max(initial=0.0)), SLOWEST)
+    own, kernel = constants(law, values, theta), loaded(tangents(law))
+    axes = wp.vec2i(*(*at.axes, -1, -1)[:2])
+
+    def part(some: slice) -> None:
+        held = [*(matrices(a[some]) for a in given), numbers(p[some]), *own]
+        tau = matrices(stress[some])
+        found = [wp.empty(a[some].shape, dtype=real, device="cpu") for a in out]
+        steps = [real(STEP), real(speed), axes, int(material), 9]
+        wp.launch(kernel, len(tau), [*held, *steps, tau, *found], device="cpu")
+        stress[some] = tau.numpy()
+        for a, f in zip(out, found, strict=True):
+            a[some] = f.numpy()
+
+    parted(part, count, ALONE // 8)
+    by_F, by_L, by_trial = (a.reshape(-1, *shape[1:], 9, 3, 3) if len(a) else None for a in out)
+    assert by_F is not None
+    return Tangent(stress.reshape(*shape, 3, 3), by_F, by_L, by_trial)
+
+
+def _flat(a: np.ndarray | None) -> np.ndarray:
+    return np.zeros((0, 3, 3)) if a is None else a.reshape(-1, 3, 3)
