@@ -65,7 +65,7 @@ def found_at(F, chi, most, every=1):
         return tangent(LAW, at, VALUES, THETA, elastic=True)
 
     elastic = elastic_part(LAW, F, R)
-    return lasting(F, elastic, lambda n: PAIRING[n], chi, back, most, every)
+    return lasting(F, elastic, lambda at: PAIRING[at], chi, back, most, every)
 
 
 @pytest.mark.parametrize(("most", "forgotten", "share"), [(4, 0.0, 1e-4), (1000, 0.01, 0.04)])

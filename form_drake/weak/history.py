@@ -44,7 +44,7 @@ class Lasting:
 def lasting(
     F: np.ndarray,
     elastic: np.ndarray,
-    pairing: Callable[[int], np.ndarray],
+    pairing: Callable[[slice], np.ndarray],
     chi: np.ndarray,
     back: Return,
     most: int,
@@ -55,46 +55,75 @@ def lasting(
     Args:
         F: deformation gradients, shape [times, points, 3, 3].
         elastic: their elastic parts, of the same shape.
-        pairing: what the stress is multiplied by in a row at a time, shape [fields, points, 3, 3].
+        pairing: what the stress is multiplied by in the rows at some times, shape
+            [times, fields, points, 3, 3].
         chi: the windows [s], shape [windows, times].
         back: the return to the yield surface.
         most: matrices that are returned at once.
         every: neighbouring times that make one look.
     """
-    own = inverse(F)
-    U = own @ elastic
-    points, windows, fields = F.shape[1], len(chi), len(pairing(0))
-    held = np.zeros((points, windows, fields, 3, 3))  # derivatives by U
+    U = inverse(F) @ elastic
+    points, windows, fields = F.shape[1], len(chi), pairing(slice(0, 1)).shape[1]
+    held = np.zeros((points, windows, fields, 9))  # derivatives by U
     largest = np.zeros(windows)
     looks: list[dict[int, np.ndarray]] = [{} for _ in chi]
     flowing = np.zeros(chi.shape)
-    count = max(1, most // points)
+    count = max(1, most // points // max(1, fields // 9))
     for end in range(len(F), 1, -count):
         first = max(1, end - count)
         met = back(F[first:end] @ U[first - 1 : end - 1], first)
-        assert met.elastic_by_F is not None
-        D, C = (a.reshape(*a.shape[:3], 9) for a in (met.elastic_by_F, met.by_F))
+        flows, maps = _maps(F[first:end], U[first - 1 : end], met)
+        pulls = _pulls(F[first:end], pairing(slice(first, end)), met)
         for n in range(end - 1, first - 1, -1):
             alive = np.flatnonzero(largest)
-            turned, before = (_each(a.swapaxes(1, 2)) for a in (F[n], U[n - 1]))
-            mu = _each(own[n].swapaxes(1, 2)) @ held[:, alive]
-            through = _pulled(mu, D[n - first])
-            if np.abs(D[n - first] - np.eye(9)).max() > FLOWS:
-                change = through @ before - mu @ _each(U[n].swapaxes(1, 2))
-                for w, rows in zip(alive, change.transpose(1, 2, 0, 3, 4), strict=True):
-                    looks[w][n // every] = looks[w].get(n // every, 0.0) + rows
+            both = held[:, alive].reshape(points, -1, 9) @ maps[n - first]
+            onward, change = np.split(both.reshape(points, len(alive), fields, 18), 2, axis=-1)
+            if flows[n - first]:
+                rows = change.transpose(1, 2, 0, 3).reshape(len(alive), fields, points, 3, 3)
+                for w, own in zip(alive, rows, strict=True):
+                    looks[w][n // every] = looks[w].get(n // every, 0.0) + own
                 flowing[alive, n] = 1.0
-            held[:, alive] = turned @ through
+            held[:, alive] = onward
             inside = np.flatnonzero(chi[:, n])
-            if len(inside):
-                pull = turned @ _pulled(pairing(n).swapaxes(0, 1)[:, None], C[n - first])
-                held[:, inside] += chi[inside, n][:, None, None, None] * pull
-            size = np.abs(held).max(axis=(0, 2, 3, 4))
+            held[:, inside] += chi[inside, n][:, None, None] * pulls[n - first][:, None]
+            size = np.abs(held).max(axis=(0, 2, 3), initial=0.0)
             largest = np.maximum(largest, size)
             gone = size <= FORGOTTEN * largest
             held[:, gone], largest[gone] = 0.0, 0.0
     place = np.arange(len(F)) // every
     return [_mean(found, row, place) for found, row in zip(looks, flowing, strict=True)]
+
+
+def _maps(F: np.ndarray, U: np.ndarray, met: Tangent) -> tuple[np.ndarray, np.ndarray]:
+    """At which times something flows, and what derivatives by U there lead to.
+
+    Args:
+        F: at the times, shape [times, points, 3, 3].
+        U: at the time before and at the times, shape [times + 1, points, 3, 3].
+        met: the return.
+
+    Returns:
+        shape [times]; and by the U before and by F, one after the other, from the entries of those by
+        U, shape [times, points, 9, 18].
+    """
+    assert met.elastic_by_F is not None
+    shape, own = F.shape[:2], inverse(F)
+    flat = met.elastic_by_F.reshape(*shape, 9, 9)
+    flows = np.abs(flat - np.eye(9)).max(axis=(1, 2, 3)) > FLOWS
+    through = (own @ flat.reshape(*shape, 3, 27)).reshape(*shape, 9, 3, 3)
+    onward = F.swapaxes(2, 3)[:, :, None] @ through
+    change = through @ U[:-1].swapaxes(2, 3)[:, :, None]
+    still = own[..., :, None, :, None] * U[1:].swapaxes(2, 3)[..., None, :, None, :]
+    change -= still.reshape(change.shape)
+    return flows, np.concatenate([m.reshape(*shape, 9, 9) for m in (onward, change)], axis=-1)
+
+
+def _pulls(F: np.ndarray, pairing: np.ndarray, met: Tangent) -> np.ndarray:
+    """Derivatives of what the rows integrate by the U before, shape [times, points, fields, 9]."""
+    times, fields, points = pairing.shape[:3]
+    flat = pairing.swapaxes(1, 2).reshape(times, points, fields, 9)
+    by_trial = (flat @ met.by_F.reshape(times, points, 9, 9)).reshape(*flat.shape[:3], 3, 3)
+    return (F.swapaxes(2, 3)[:, :, None] @ by_trial).reshape(flat.shape)
 
 
 def _mean(found: dict[int, np.ndarray], flowing: np.ndarray, place: np.ndarray) -> Lasting:
@@ -108,19 +137,3 @@ def _mean(found: dict[int, np.ndarray], flowing: np.ndarray, place: np.ndarray) 
     shares = flowing * (place == np.array(list(found), dtype=int)[:, None])
     parts = [rows / share.sum() for rows, share in zip(found.values(), shares, strict=True)]
     return Lasting(shares, np.array(parts))
-
-
-def _each(a: np.ndarray) -> np.ndarray:
-    """A matrix of every point, for all windows and fields."""
-    return a[:, None, None]
-
-
-def _pulled(a: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Derivatives by a matrix from those by its image, shape of a.
-
-    Args:
-        a: by the image, shape [points, windows, fields, 3, 3].
-        slope: of the image, shape [points, 9, 9], the matrix last.
-    """
-    flat = a.reshape(len(a), -1, 9) @ slope
-    return flat.reshape(a.shape)

@@ -285,13 +285,13 @@ class Probe:
             state = State(trial, motion.L[own], pressure=p)
             return tangent(law, state, values, theta, elastic=True)
 
-        def pairing(n: int) -> np.ndarray:
-            look, found = motion.at(slice(n, n + 1)), []
+        def pairing(at: slice) -> np.ndarray:
+            look, found = motion.at(at), []
             for fields in self.fields:
-                gradient = fields.at(look).gradient[0]
-                paired = gradient @ look.inverse[0] if fields.material else gradient
+                gradient = fields.at(look).gradient
+                paired = gradient @ look.inverse[:, None] if fields.material else gradient
                 found.append(motion.volume[:, None, None] * paired)
-            return np.concatenate(found)
+            return np.concatenate(found, axis=1)
 
         elastic = self._elastic(law, values, motion)
         found = lasting_rows(motion.F, elastic, pairing, self.windows.chi, back, POINTS, every)
