@@ -1,5 +1,6 @@
 """The motion of a body: what the momentum balance reads, at quadrature points and over time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -132,34 +133,42 @@ class Sampling:
 
     def motion(self, c: np.ndarray) -> Motion:
         """The motion with coefficients ``c`` [m], shape [space, 3, series]."""
-        u, G = self._spread(c, self.value), self._spread(c, self.gradient)
-        F = np.eye(3) + self._at(self.series, G)
-        hessian = self.hessian
+        u, G, *second = (self._along(c, *table) for table in self._tables)
+        F = np.eye(3) + G(self.series)
         return Motion(
             time=self.time,
             X=self.X,
-            x=self.X + self._at(self.series, u),
-            v=self._at(self.rate, u),
+            x=self.X + u(self.series),
+            v=u(self.rate),
             F=F,
-            L=self._at(self.rate, G) @ inverse(F),
+            L=G(self.rate) @ inverse(F),
             volume=self.volume,
             mass=self.density * self.volume,
             pressure=self.pressure,
             body_force=self.body_force,
-            second=None if hessian is None else self._at(self.series, self._spread(c, hessian)),
+            second=second[0](self.series) if second else None,
         )
 
-    def _spread(self, c: np.ndarray, basis: np.ndarray) -> np.ndarray:
-        """Series of every point, shape [series, points, 3, ...].
+    @cached_property
+    def _tables(self) -> list[tuple[np.ndarray, tuple[int, ...]]]:
+        """The spatial bases, functions first, and the shapes of what they give at a point."""
+        bases = [b for b in (self.value, self.gradient, self.hessian) if b is not None]
+        return [(np.moveaxis(b, 1, 0).reshape(b.shape[1], -1), b.shape[2:]) for b in bases]
 
-        Args:
-            c: coefficients, shape [space, 3, series].
-            basis: shape [points, space, ...].
-        """
-        flat = np.moveaxis(basis, 1, 0).reshape(basis.shape[1], -1)
-        found = c.transpose(2, 1, 0).reshape(-1, len(flat)) @ flat
-        found = found.reshape(c.shape[2], 3, len(basis), -1).swapaxes(1, 2)
-        return found.reshape(*found.shape[:3], *basis.shape[2:])
+    def _along(
+        self, c: np.ndarray, table: np.ndarray, shape: tuple[int, ...]
+    ) -> Callable[[sparse.csr_array], np.ndarray]:
+        """What a basis in time makes of a spatial one, shape [times, points, 3, ...]."""
+        flat = c.transpose(2, 1, 0).reshape(c.shape[2], -1)
+
+        def spread(flat: np.ndarray) -> np.ndarray:
+            found = (flat.reshape(-1, len(table)) @ table).reshape(len(flat), 3, len(self.X), -1)
+            return found.swapaxes(1, 2).reshape(*found.shape[:1], len(self.X), 3, *shape)
+
+        if 2 * len(self.time) < len(flat):  # fewer looks than series
+            return lambda series: spread(series @ flat)
+        values = spread(flat)
+        return lambda series: self._at(series, values)
 
     @staticmethod
     def _at(series: sparse.csr_array, values: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from form_drake.motion.body import unmeasured
 from form_drake.motion.space import Space
 from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
+from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Exchanged, Fields, Mirrored
 from form_drake.weak.force import measured
 from form_drake.weak.probe import Probe
@@ -47,7 +48,7 @@ def prepared(
     middle = 0.5 * (shape.low + shape.high)[list(exchange)]
     if not (set(exchange) <= set(mirrors) and _alike(cells, exchange, middle)):
         exchange = ()
-    spatial = not all(f.fixed or not f.material for f in fields)
+    curved = any(isinstance(f, CurlFields) for f in fields)
 
     def sampled(cells: list[np.ndarray], points: int) -> Sampling:
         X, volume = shape.gauss(cells, points)
@@ -58,7 +59,7 @@ def prepared(
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
         return replace(
             found,
-            hessian=fit.space.scalar.hessian(X) if spatial else None,
+            hessian=fit.space.scalar.hessian(X) if curved else None,
             pressure=supplied(recording, recording.pressure, fit, time, X),
             body_force=supplied(recording, recording.body_force, fit, time, X),
         )
