@@ -6,8 +6,10 @@ wherever this leads on too slowly.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from form_drake.interior.statics import Forces, Grip, Held, Rows, Statics
 
@@ -16,6 +18,8 @@ FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from
 CLOSE = 3e-5  # change of a deformation gradient in a step, below which it is the last
 LONGEST = 0.2  # change of a deformation gradient in a step
 SLOW = 0.5  # of a step that the next may be with a slope from elsewhere
+
+Solver = tuple[tuple[np.ndarray, np.ndarray], np.ndarray]  # LU factors, solutions for the pushes
 
 
 def balanced(statics: Statics, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
@@ -86,21 +90,44 @@ class _Frame:
         slopes: list[np.ndarray],
     ) -> tuple[list[np.ndarray], list[float]]:
         """Steps of the states and of the push, and the largest change of strain that each state makes."""
-        equations = [
-            (
-                rows.normal + slope + forces.rubbing,
-                rows.right - rows.normal @ y - forces.left + push,
-            )
-            for rows, slope, forces, y in zip(self.kept, slopes, found, at, strict=True)
+        states = list(zip(self.kept, slopes, found, at, strict=True))
+        solvers = [self._solver(n, s, f.rubbing) for n, (_, s, f, _) in enumerate(states)]
+        steps = [
+            lu_solve(lu, rows.right - rows.normal @ y - forces.left + push, check_finite=False)
+            for (lu, _), (rows, _, forces, y) in zip(solvers, states, strict=True)
         ]
         if len(at) == 1:
-            steps = [np.linalg.solve(*equations[0]), np.zeros_like(push)]
+            steps.append(np.zeros_like(push))
         else:
-            steps = _together(equations[0], equations[1], self.B, self.B.T @ (at[1] - at[0]))
+            steps = self._together(steps, [back for _, back in solvers], at)
         strains = [float(np.abs(self.statics.strains(step)).max()) for step in steps[:-1]]
         if not np.isfinite(strains).all():
             raise ValueError("no motion inside the body passes through the points of its surface")
         return steps, strains
+
+    def _solver(self, n: int, slope: np.ndarray, rubbing: np.ndarray) -> Solver:
+        """Factors of the equations of a state, and their solutions for pushes along B."""
+        known = self._known.get(n)
+        if known is not None and known[0] is slope and not rubbing.any():
+            return known[1]
+        lu = lu_factor(self.kept[n].normal + slope + rubbing, check_finite=False)
+        found = lu, lu_solve(lu, self.B, check_finite=False) if self.B.shape[1] else self.B
+        if not rubbing.any():
+            self._known[n] = slope, found
+        return found
+
+    @cached_property
+    def _known(self) -> dict[int, tuple[np.ndarray, Solver]]:
+        return {}
+
+    def _together(
+        self, steps: list[np.ndarray], backs: list[np.ndarray], at: list[np.ndarray]
+    ) -> list[np.ndarray]:
+        """Steps of two states, and the push on both that brings them together along B."""
+        (one, other), (A, C), B = steps, backs, self.B
+        apart = B.T @ (at[1] - at[0] - one + other)
+        size = np.linalg.solve(B.T @ (A - C), apart)
+        return [one + A @ size, other + C @ size, B @ size]
 
     def afresh(
         self, at: list[np.ndarray], slopes: list[np.ndarray], slow: list[bool]
@@ -132,25 +159,9 @@ class _Frame:
         )
 
 
-Equation = tuple[np.ndarray, np.ndarray]
-
-
 def _damped(share: float, strain: float, before: float) -> float:
     """The share of a step to take: half of the last one where that has not led as far as it should."""
     return 0.5 * share if strain > (1.0 - 0.5 * share) * before else min(1.0, 1.2 * share)
-
-
-def _together(one: Equation, other: Equation, B: np.ndarray, apart: np.ndarray) -> list[np.ndarray]:
-    """Steps of two states, and of the push on both that brings them together along B."""
-    (A, a), (C, c) = one, other
-    size = len(a)
-    like = float(np.trace(A)) / size  # so that all entries are alike in size
-    B, apart = like * B, like * apart
-    none = np.zeros_like(A)
-    corner = np.zeros((B.shape[1],) * 2)
-    whole = np.block([[A, none, -B], [none, C, -B], [B.T, -B.T, corner]])
-    found = np.linalg.solve(whole, np.concatenate([a, c, apart]))
-    return [found[:size], found[size : 2 * size], B @ found[2 * size :]]
 
 
 def _borne(B: np.ndarray, K: np.ndarray) -> np.ndarray:

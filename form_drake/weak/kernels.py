@@ -82,7 +82,7 @@ def history(law: Law):
     F moves straight from one time to the next, in strides no longer than ``LARGEST``: the return to
     the yield surface is of first order in them.
     """
-    keep, largest = flow(law, DECOMPOSITION, PRECISION), wp.constant(real(LARGEST))
+    keep, follow = flow(law, DECOMPOSITION, PRECISION), _followed(law)
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(F: wp.array2d(dtype=mat), r: vec4, out: wp.array2d(dtype=mat)):
@@ -90,15 +90,95 @@ def history(law: Law):
         start, _e = keep(F[0, i], r)
         out[0, i] = start
         for n in range(1, F.shape[0]):
-            last = F[n - 1, i]
-            stride = F[n, i] - last
-            count = 1 + int(wp.sqrt(wp.ddot(stride, stride)) / largest)
-            elastic = out[n - 1, i]
-            for k in range(1, count + 1):
-                now = F[n - 1, i] + real(k) / real(count) * stride
-                new, _e = keep(now * wp.inverse(last) * elastic, r)
-                elastic, last = new, now
-            out[n, i] = elastic
+            out[n, i] = follow(F[n - 1, i], F[n, i], out[n - 1, i], r)
+
+    return kernel
+
+
+@cache
+def _followed(law: Law):
+    """Warp function: the elastic part after F has moved straight from one value to another."""
+    keep, largest = flow(law, DECOMPOSITION, PRECISION), wp.constant(real(LARGEST))
+
+    @wp.func
+    def function(before: mat, after: mat, elastic: mat, r: vec4):
+        stride = after - before
+        count = 1 + int(wp.sqrt(wp.ddot(stride, stride)) / largest)
+        last = before
+        now = elastic
+        for k in range(1, count + 1):
+            here = before + real(k) / real(count) * stride
+            now, _e = keep(here * wp.inverse(last) * now, r)
+            last = here
+        return now
+
+    return function
+
+
+@cache
+def strides(law: Law):
+    """Kernel: first Piola stress after a stride and its derivatives, see ``weak.tangent.stride``.
+
+    Turns of a body turn its stress; only stretches are tried.
+    """
+    evaluate, follow, plastic = response(law), _followed(law), law.flow == "plastic"
+
+    @wp.func
+    def flowed(F: mat, back: mat, elastic: mat, r: vec4):
+        return follow(elastic, F * back * elastic, elastic, r)
+
+    @wp.func
+    def still(F: mat, back: mat, elastic: mat, r: vec4):
+        return F
+
+    onward = flowed if plastic else still
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        F: wp.array(dtype=mat),
+        before: wp.array(dtype=mat),
+        elastic: wp.array(dtype=mat),
+        theta: wp.array(dtype=real),
+        kappa: real,
+        s: vec4,
+        r: vec4,
+        step: real,
+        three: int,
+        stress: wp.array(dtype=mat),
+        after: wp.array(dtype=mat),
+        by_F: slopes,
+    ):
+        i = wp.tid()
+        back = wp.inverse(before[i])
+        now = onward(F[i], back, elastic[i], r)
+        tau, _e = evaluate(now, mat(), theta, kappa, s, r, 0, real(0.0))
+        inverse = wp.inverse(F[i])
+        P = tau * wp.transpose(inverse)
+        stress[i] = P
+        after[i] = now
+        if by_F.shape[0] == 0:
+            return
+        for k in range(three):
+            for m in range(k, three):
+                stretch = (
+                    real(0.5) * step * (_entry(3 * k + m, real(1.0)) + _entry(3 * m + k, real(1.0)))
+                )
+                G = F[i] + stretch * F[i]
+                new, _n = evaluate(
+                    onward(G, back, elastic[i], r), mat(), theta, kappa, s, r, 0, real(0.0)
+                )
+                D = (new * wp.transpose(wp.inverse(G)) - P) / step
+                turn = real(0.5) * (_entry(3 * k + m, real(1.0)) - _entry(3 * m + k, real(1.0))) * P
+                _write(by_F, i, 3 * k + m, D + turn)
+                _write(by_F, i, 3 * m + k, D - turn)
+        for k in range(three):  # dF = E_kl is a change F^-1_lm along every row k and column m
+            A = _read(by_F, i, 3 * k)
+            B = _read(by_F, i, 3 * k + 1)
+            C = _read(by_F, i, 3 * k + 2)
+            for f in range(three):
+                _write(
+                    by_F, i, 3 * k + f, inverse[f, 0] * A + inverse[f, 1] * B + inverse[f, 2] * C
+                )
 
     return kernel
 

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.weak.kernels import constants, loaded, matrices, numbers, real, tangents
+from form_drake.weak.kernels import constants, loaded, matrices, numbers, real, strides, tangents
 from form_drake.weak.stress import ALONE
 from form_drake.workers import parted
 
@@ -99,6 +99,45 @@ def tangent(
     by_F, by_L, by_trial = (a.reshape(-1, *shape[1:], 9, 3, 3) if len(a) else None for a in out)
     assert by_F is not None
     return Tangent(stress.reshape(*shape, 3, 3), by_F, by_L, by_trial)
+
+
+def stride(
+    law: Law,
+    F: np.ndarray,
+    before: np.ndarray,
+    elastic: np.ndarray,
+    values: Values,
+    theta: np.ndarray,
+    *,
+    slopes: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """First Piola stress after F has moved on from a state, and the elastic part of F then.
+
+    Args:
+        law: the law.
+        F: deformation gradients after the stride, shape [points, 3, 3].
+        before: those before it.
+        elastic: their elastic parts.
+        values: constants of the law.
+        theta: coefficients of its terms.
+        slopes: whether derivatives are wanted.
+
+    Returns:
+        Stress [Pa] and elastic part, shape [points, 3, 3], and dP_ij / dF_kl, shape [points, 9, 9].
+    """
+    own, kernel = constants(law, values, theta), loaded(strides(law))
+    P, after = np.empty(F.shape), np.empty(F.shape)
+    by_F = np.empty((len(F) if slopes else 0, 9, 9))
+
+    def part(some: slice) -> None:
+        held = [matrices(a[some]) for a in (F, before, elastic)]
+        out = [matrices(a[some]) for a in (P, after)]
+        by = wp.empty(by_F[some].shape, dtype=real, device="cpu")
+        wp.launch(kernel, len(out[0]), [*held, *own, real(STEP), 3, *out, by], device="cpu")
+        P[some], after[some], by_F[some] = (a.numpy() for a in (*out, by))
+
+    parted(part, len(F), ALONE // 8 if slopes else ALONE // 2)
+    return P, after, by_F if slopes else None
 
 
 def _flat(a: np.ndarray | None) -> np.ndarray:
