@@ -66,8 +66,9 @@ def balanced_inside(
             if not recording.on_surface:
                 return throughout(n, symmetric)
             seen = surface(n, symmetric)
-            before = None if again else paths.get((n, symmetric))
-            path = Path.of(seen, resistance, before.friction if before else None)
+            before = paths.get((n, symmetric))
+            friction = before.friction if before and not again else None
+            path = Path.of(seen, resistance, friction, before)
             paths[n, symmetric] = path
             return seen.body, path.fit()
 

@@ -22,7 +22,13 @@ SLOW = 0.5  # of a step that the next may be with a slope from elsewhere
 Solver = tuple[tuple[np.ndarray, np.ndarray], np.ndarray]  # LU factors, solutions for the pushes
 
 
-def balanced(statics: Statics, rows: Rows, grips: Sequence[Grip], last: Held) -> Held:
+def balanced(
+    statics: Statics,
+    rows: Rows,
+    grips: Sequence[Grip],
+    last: Held,
+    near: tuple[Held, Held] | None = None,
+) -> Held:
     """The frame after ``last``.
 
     Args:
@@ -30,14 +36,21 @@ def balanced(statics: Statics, rows: Rows, grips: Sequence[Grip], last: Held) ->
         rows: of what is seen.
         grips: of the tools.
         last: the frame before.
+        near: the frame before and the frame, of a body of nearly the same material; None: neither is
+            known.
 
     Raises:
         ValueError: no motion passes through what is seen without folding the body.
     """
     frame = _Frame.of(statics, rows, grips, last)
-    at = [last.y + last.ahead, last.alone + last.ahead][: len(frame.kept)]
-    push = frame.B @ (frame.B.T @ last.push)
-    slopes, shares = [last.slope] * len(at), [1.0] * len(at)
+    ahead, alone, slope, push = last.ahead, last.ahead, last.slope, last.push
+    if near is not None:
+        earlier, there = near
+        ahead, alone, slope = there.y - earlier.y, there.alone - earlier.alone, there.slope
+        push = push + there.push - earlier.push
+    at = [last.y + ahead, last.alone + alone][: len(frame.kept)]
+    push = frame.B @ (frame.B.T @ push)
+    slopes, shares = [slope] * len(at), [1.0] * len(at)
     strains = [np.inf] * len(at)
     for _ in range(ROUNDS):
         found = [statics.forces(y, grips, last) for y in at]

@@ -45,6 +45,7 @@ class Path:
         seen: Seen,
         resistance: Resistance,
         friction: float | None = None,
+        near: "Path | None" = None,
     ) -> "Path":
         """That of a material, as far as it is known.
 
@@ -52,13 +53,14 @@ class Path:
             seen: what is seen of the body.
             resistance: of the material.
             friction: as of ``Path``; None: as ``friction_of`` finds it.
+            near: the path of another material, from which this one is sought; None: there is none.
 
         Raises:
             ValueError: no motion inside passes through the points.
         """
         friction = friction_of(seen, resistance) if friction is None else friction
         statics, free = _from_rest(seen, resistance)
-        frames = _frames(statics, free, friction)
+        frames = _frames(statics, free, friction, near.frames if near else ())
         lost = sum(not frame.settled for frame in frames)
         if lost > UNSETTLED * len(frames):
             raise ValueError(
@@ -150,15 +152,18 @@ def _looks(seen: Seen) -> np.ndarray:
     return np.unique([int(np.argmax(size >= step)) for step in steps])
 
 
-def _frames(statics: Statics, seen: Seen, friction: float) -> list[Held]:
-    """Every frame after the one before it."""
+def _frames(statics: Statics, seen: Seen, friction: float, near: Sequence[Held] = ()) -> list[Held]:
+    """Every frame after the one before it; ``near`` are those of a body of nearly the same material."""
     D = seen.whitening @ statics.values(seen.X)
     own = [hold.grip(statics, friction) for hold in seen.holds]
     last, found = statics.rest, []
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
         grips = [grip for hold in own if (grip := hold(n))]
-        last = balanced(statics, rows, grips, last)
+        held = balanced(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
+        if near and not held.settled:
+            held = balanced(statics, rows, grips, last)
+        last = held
         found.append(last)
     return found
 
