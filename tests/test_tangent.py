@@ -6,7 +6,7 @@ import pytest
 from form_drake.laws import law_named
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
-from form_drake.weak.tangent import State, tangent
+from form_drake.weak.tangent import State, stride, tangent
 
 H = 1e-5
 THETA = np.array([3.0e4, 4.5e4, 2.0e3])
@@ -78,3 +78,22 @@ def test_a_supplied_pressure_takes_the_place_of_the_law_s(motion):
     own, given = (tangent(law, State(F, L, pressure=q), values, theta) for q in (None, p))
     np.testing.assert_allclose(given.stress, wanted, rtol=1e-9)
     assert np.abs(own.stress - given.stress).max() > 1e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", ["von-mises", "neo-hookean"])
+def test_a_stride_is_followed_from_where_it_begins(motion, name):
+    """Its stress is that of a history through the same places, its slope the differences of it."""
+    law = law_named(name)
+    theta, before = THETA[: len(law.terms)], motion[0].reshape(-1, 3, 3)
+    on = before + 5e-4 * motion[1].reshape(-1, 3, 3)
+    r = law.radius_vector(VALUES)
+    begun = elastic_part(law, before[None], r)[0]
+    P, elastic, slope = stride(law, on, before, begun, VALUES, theta, slopes=True)
+    trial = on @ np.linalg.inv(before) @ begun
+    wanted = elastic_part(law, np.stack([begun, trial]), r)[1]
+    np.testing.assert_allclose(elastic, wanted, atol=1e-12)
+    tau = np.tensordot(theta, unit_stresses(law, wanted, np.zeros_like(wanted), VALUES), axes=1)
+    np.testing.assert_allclose(P @ on.swapaxes(1, 2), tau, atol=1e-9 * np.abs(tau).max())
+    by = by_entries(lambda F: stride(law, F, before, begun, VALUES, theta)[0], on)
+    size = np.abs(by).max()
+    np.testing.assert_allclose(slope.reshape(by.shape), by, atol=1e-5 * size)

@@ -6,7 +6,8 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.weak.kernels import constants, loaded, matrices, numbers, real, strides, tangents
+from form_drake.weak.derivatives import strides, tangents
+from form_drake.weak.kernels import constants, loaded, matrices, numbers, real
 from form_drake.weak.stress import ALONE
 from form_drake.workers import parted
 
