@@ -38,39 +38,47 @@ def strides(law: Law):
         s: vec4,
         r: vec4,
         step: real,
-        three: int,
+        seven: int,
         stress: wp.array(dtype=mat),
         after: wp.array(dtype=mat),
         by_F: slopes,
     ):
         i = wp.tid()
+        none = mat()
         back = wp.inverse(before[i])
-        now = onward(F[i], back, elastic[i], r)
-        tau, _e = evaluate(now, mat(), theta, kappa, s, r, 0, real(0.0))
-        inverse = wp.inverse(F[i])
-        P = tau * wp.transpose(inverse)
-        stress[i] = P
-        after[i] = now
+        P = mat()
+        count = int(1)
+        if by_F.shape[0] > 0:
+            count = seven
+        k = int(0)
+        m = int(0)
+        for n in range(count):  # at F, and along six stretches; one call alone is compiled sooner
+            G = F[i]
+            if n > 0:
+                G += step * _half(k, m, real(1.0)) * F[i]
+            now = onward(G, back, elastic[i], r)
+            tau, _e = evaluate(now, none, theta, kappa, s, r, 0, real(0.0))
+            new = tau * wp.transpose(wp.inverse(G))
+            if n == 0:
+                P = new
+                stress[i] = P
+                after[i] = now
+            else:
+                turn = _half(k, m, real(-1.0)) * P
+                _write(by_F, i, 3 * k + m, (new - P) / step + turn)
+                _write(by_F, i, 3 * m + k, (new - P) / step - turn)
+                m += 1
+                if m > 2:
+                    k += 1
+                    m = k
         if by_F.shape[0] == 0:
             return
-        for k in range(three):
-            for m in range(k, three):
-                stretch = (
-                    real(0.5) * step * (_entry(3 * k + m, real(1.0)) + _entry(3 * m + k, real(1.0)))
-                )
-                G = F[i] + stretch * F[i]
-                new, _n = evaluate(
-                    onward(G, back, elastic[i], r), mat(), theta, kappa, s, r, 0, real(0.0)
-                )
-                D = (new * wp.transpose(wp.inverse(G)) - P) / step
-                turn = real(0.5) * (_entry(3 * k + m, real(1.0)) - _entry(3 * m + k, real(1.0))) * P
-                _write(by_F, i, 3 * k + m, D + turn)
-                _write(by_F, i, 3 * m + k, D - turn)
-        for k in range(three):  # dF = E_kl is a change F^-1_lm along every row k and column m
+        inverse = wp.inverse(F[i])
+        for k in range(seven / 2):  # dF = E_kl is a change F^-1_lm along every row k and column m
             A = _read(by_F, i, 3 * k)
             B = _read(by_F, i, 3 * k + 1)
             C = _read(by_F, i, 3 * k + 2)
-            for f in range(three):
+            for f in range(seven / 2):
                 _write(
                     by_F, i, 3 * k + f, inverse[f, 0] * A + inverse[f, 1] * B + inverse[f, 2] * C
                 )
@@ -80,7 +88,7 @@ def strides(law: Law):
 
 @cache
 def tangents(law: Law):
-    """Kernel: stress and its derivatives, see ``weak.tangent``.
+    """Kernel: stress and its derivatives by F, see ``weak.tangent``.
 
     ``nine`` is what it says, an argument since the compiler would unroll loops over a constant.
     """
@@ -91,7 +99,6 @@ def tangents(law: Law):
         F: wp.array(dtype=mat),
         L: wp.array(dtype=mat),
         unload: wp.array(dtype=mat),
-        seen: wp.array(dtype=mat),
         pressure: wp.array(dtype=real),
         theta: wp.array(dtype=real),
         kappa: real,
@@ -99,8 +106,6 @@ def tangents(law: Law):
         r: vec4,
         step: real,
         speed: real,
-        axes: wp.vec2i,
-        material: int,
         nine: int,
         stress: wp.array(dtype=mat),
         by_F: slopes,
@@ -114,34 +119,33 @@ def tangents(law: Law):
         p = real(0.0)
         if pressure.shape[0] > 0:
             p = pressure[i]
-        tau, elastic = evaluate(F[i] * U, L[i], theta, kappa, s, r, pressure.shape[0], p)
-        for f in range(nine):
-            E = _entry(f, step)
-            new, back = evaluate((F[i] + E) * U, L[i], theta, kappa, s, r, pressure.shape[0], p)
-            _write(by_F, i, f, (new - tau) / step)
-            if elastic_by_F.shape[0] > 0:
-                _write(elastic_by_F, i, f, (back - elastic) / step)
-            if by_L.shape[0] > 0:
-                E = _entry(f, speed)
-                new, _b = evaluate(F[i] * U, L[i] + E, theta, kappa, s, r, pressure.shape[0], p)
-                _write(by_L, i, f, (new - tau) / speed)
-        T = wp.transpose(wp.inverse(F[i]))
-        along = vec3(real(1.0), real(1.0), real(1.0))
-        one = mat()
-        two = mat()
-        if seen.shape[0] > 0:
-            along, one, two = _stretches(by_F, i, F[i], seen[i], T, tau, axes, nine)
-            _chain(by_F, i, seen[i], along, one, two, axes, nine)
-        if material != 0:
-            tau = tau * T
-            G = F[i]
-            if seen.shape[0] > 0:
-                G = seen[i]
-            for f in range(nine):
-                dG = _moved(f, G, along, one, two, axes)
-                _write(by_F, i, f, (_read(by_F, i, f) - tau * wp.transpose(dG)) * T)
-                if by_L.shape[0] > 0:
-                    _write(by_L, i, f, _read(by_L, i, f) * T)
+        tau = mat()
+        elastic = mat()
+        none = mat()
+        count = 1 + nine
+        if by_L.shape[0] > 0:
+            count += nine
+        for n in range(count):  # one call alone, which halves the time to compile
+            f = n - 1
+            dF = none
+            dL = none
+            if n > nine:
+                f = n - 1 - nine
+                dL = _entry(f, speed)
+            elif n > 0:
+                dF = _entry(f, step)
+            here, back = evaluate(
+                (F[i] + dF) * U, L[i] + dL, theta, kappa, s, r, pressure.shape[0], p
+            )
+            if n == 0:
+                tau = here
+                elastic = back
+            elif n > nine:
+                _write(by_L, i, f, (here - tau) / speed)
+            else:
+                _write(by_F, i, f, (here - tau) / step)
+                if elastic_by_F.shape[0] > 0:
+                    _write(elastic_by_F, i, f, (back - elastic) / step)
         stress[i] = tau
 
     return kernel
@@ -153,6 +157,12 @@ def _entry(f: int, size: real):
     E = mat()
     E[f / 3, f % 3] = size
     return E
+
+
+@wp.func
+def _half(k: int, m: int, sign: real):
+    """Half of the sum, or of the difference, of an entry and its transpose."""
+    return real(0.5) * (_entry(3 * k + m, real(1.0)) + sign * _entry(3 * m + k, real(1.0)))
 
 
 @wp.func
@@ -236,3 +246,35 @@ def _chain(by_G: slopes, i: int, F: mat, s: vec3, one: mat, two: mat, axes: wp.v
         for f in range(nine):
             own = by_G[i, e, f] * s[f % 3]
             by_G[i, e, f] = own + a * one[f / 3, f % 3] + b * two[f / 3, f % 3]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def paired(
+    F: wp.array(dtype=mat),
+    seen: wp.array(dtype=mat),
+    axes: wp.vec2i,
+    material: int,
+    nine: int,
+    stress: wp.array(dtype=mat),
+    by_F: slopes,
+    by_L: slopes,
+):
+    """Derivatives by F become those by ``seen``, and Kirchhoff stresses the first of Piola's."""
+    i = wp.tid()
+    T = wp.transpose(wp.inverse(F[i]))
+    along = vec3(real(1.0), real(1.0), real(1.0))
+    one = mat()
+    two = mat()
+    if seen.shape[0] > 0:
+        along, one, two = _stretches(by_F, i, F[i], seen[i], T, stress[i], axes, nine)
+        _chain(by_F, i, seen[i], along, one, two, axes, nine)
+    if material != 0:
+        stress[i] = stress[i] * T
+        G = F[i]
+        if seen.shape[0] > 0:
+            G = seen[i]
+        for f in range(nine):
+            dG = _moved(f, G, along, one, two, axes)
+            _write(by_F, i, f, (_read(by_F, i, f) - stress[i] * wp.transpose(dG)) * T)
+            if by_L.shape[0] > 0:
+                _write(by_L, i, f, _read(by_L, i, f) * T)

@@ -139,19 +139,31 @@ def stretching(law: Law):
         i = wp.tid()
         a = axes[0]
         b = axes[1]
+        ways = int(3)
+        if b < 0:
+            ways = 2
         s = start[i]
         for _ in range(rounds):
-            now = pulls(F[i], s, theta, kappa, shape, r)
-            one = vec3()
-            one[a] = h
-            by_a = (pulls(F[i], s + one, theta, kappa, shape, r) - now) / h
+            now = vec3()
+            by_a = vec3()
+            by_b = vec3()
+            for n in range(ways):  # one call alone, which halves the time to compile
+                moved = s
+                if n == 1:
+                    moved[a] = s[a] + h
+                elif n == 2:
+                    moved[b] = s[b] + h
+                pull = pulls(F[i], moved, theta, kappa, shape, r)
+                if n == 0:
+                    now = pull
+                elif n == 1:
+                    by_a = (pull - now) / h
+                else:
+                    by_b = (pull - now) / h
             change = vec3()
             if b < 0:
                 change[a] = -now[a] / by_a[a]
             else:
-                two = vec3()
-                two[b] = h
-                by_b = (pulls(F[i], s + two, theta, kappa, shape, r) - now) / h
                 whole = by_a[a] * by_b[b] - by_a[b] * by_b[a]
                 change[a] = (by_b[a] * now[b] - by_b[b] * now[a]) / whole
                 change[b] = (by_a[b] * now[a] - by_a[a] * now[b]) / whole

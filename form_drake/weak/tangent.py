@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.weak.derivatives import strides, tangents
+from form_drake.weak.derivatives import paired, strides, tangents
 from form_drake.weak.kernels import constants, loaded, matrices, numbers, real
 from form_drake.weak.stress import ALONE
 from form_drake.workers import parted
@@ -78,20 +78,24 @@ def tangent(
         elastic: whether those of the elastic deformation gradient are.
     """
     shape, count = at.F.shape[:-2], int(np.prod(at.F.shape[:-2]))
-    given = [_flat(a) for a in (at.F, at.L, at.unload, at.seen)]
+    given = [_flat(a) for a in (at.F, at.seen, at.L, at.unload)]
     p = np.zeros(0) if at.pressure is None else at.pressure.ravel()
     out = [np.empty((count if on else 0, 9, 9)) for on in (True, rates, elastic)]
     stress = np.empty((count, 3, 3))
     speed = STEP * max(float(np.abs(at.L).max(initial=0.0)), SLOWEST)
-    own, kernel = constants(law, values, theta), loaded(tangents(law))
+    own, kernel, pair = constants(law, values, theta), loaded(tangents(law)), loaded(paired)
     axes = wp.vec2i(*(*at.axes, -1, -1)[:2])
 
     def part(some: slice) -> None:
-        held = [*(matrices(a[some]) for a in given), numbers(p[some]), *own]
+        F, seen, *held = (matrices(a[some]) for a in given)
         tau = matrices(stress[some])
         found = [wp.empty(a[some].shape, dtype=real, device="cpu") for a in out]
-        steps = [real(STEP), real(speed), axes, int(material), 9]
-        wp.launch(kernel, len(tau), [*held, *steps, tau, *found], device="cpu")
+        steps = [real(STEP), real(speed), 9]
+        inputs = [F, *held, numbers(p[some]), *own, *steps, tau, *found]
+        wp.launch(kernel, len(tau), inputs, device="cpu")
+        if material or at.seen is not None:
+            inputs = [F, seen, axes, int(material), 9, tau, *found[:2]]
+            wp.launch(pair, len(tau), inputs, device="cpu")
         stress[some] = tau.numpy()
         for a, f in zip(out, found, strict=True):
             a[some] = f.numpy()
@@ -134,7 +138,7 @@ def stride(
         held = [matrices(a[some]) for a in (F, before, elastic)]
         out = [matrices(a[some]) for a in (P, after)]
         by = wp.empty(by_F[some].shape, dtype=real, device="cpu")
-        wp.launch(kernel, len(out[0]), [*held, *own, real(STEP), 3, *out, by], device="cpu")
+        wp.launch(kernel, len(out[0]), [*held, *own, real(STEP), 7, *out, by], device="cpu")
         P[some], after[some], by_F[some] = (a.numpy() for a in (*out, by))
 
     parted(part, len(F), ALONE // 8 if slopes else ALONE // 2)
