@@ -21,6 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from form_drake.bench import blind_score
 from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Term
@@ -234,6 +235,13 @@ def effects_table() -> str:
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
+def blind_table() -> str:
+    """What the verdicts on the sealed set are worth."""
+    folder = DOCS / "blind"
+    files = (folder / f for f in ("blind.json", "key.json", "key.sha256"))
+    return f"\n```text\n{blind_score.table(blind_score.score(*files))}\n```\n\n"
+
+
 def stated(cls: type) -> dict[str, str]:
     """What the class's docstring says of each attribute."""
     section = inspect.getdoc(cls).partition("Attributes:\n")[2]
@@ -447,7 +455,9 @@ def pages() -> dict[Path, str]:
     layout = marked(layout, "solver", settings_table(Solver))
     return {
         theory: marked(theory.read_text(), "laws", laws_table()),
-        effects: marked(effects.read_text(), "effects", effects_table()),
+        effects: marked(
+            marked(effects.read_text(), "effects", effects_table()), "blind", blind_table()
+        ),
         recording: marked(layout, "walls", settings_table(Wall)),
         DOCS / "api.md": api_page(),
     }

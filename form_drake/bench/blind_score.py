@@ -77,6 +77,17 @@ RATES = {  # name -> kind, what counts
 }
 
 
+GOALS = {  # shares of the cases: at least, or at most
+    "right class, strong singles": (">=", 0.98),
+    "false alarms on nulls": ("<=", 1 / 40),
+    "out of catalogue, refused": (">=", 0.80),
+    "out of catalogue, confidently misnamed": ("<=", 0.10),
+    "near threshold, confidently wrong": ("<=", 0.05),
+    "pairs, both named": (">=", 0.85),
+    "wrong noise, confident names": ("<=", 0.0),
+}
+
+
 def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
     """Rates of a file of verdicts.
 
@@ -204,7 +215,8 @@ def table(result: Mapping[str, Any]) -> str:
     lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
     for name, rate in result["rates"].items():
         low, high = (100.0 * x for x in rate["interval"])
-        lines.append(f"{name:44} {rate['hits']:3d} of {rate['of']:3d}   {low:3.0f}-{high:3.0f} %")
+        told = f"{name:44} {rate['hits']:3d} of {rate['of']:3d}   {low:3.0f}-{high:3.0f} %"
+        lines.append(told + (f"   {_judged(name, rate)}" if name in GOALS and rate["of"] else ""))
     sizes = result["sizes"]
     for group, told in ("fine", "sizes"), ("rough", "friction, slip, point masses, inclusions"):
         if sizes[group] is not None:
@@ -218,8 +230,23 @@ def table(result: Mapping[str, Any]) -> str:
     for way, own in result["ablation"].items():
         rights, alarms = (f"{own[k][0]:3d} of {own[k][1]:3d}" for k in ("right", "false"))
         lines.append(f"columns alone, {way:10} right {rights}, nulls over {LEAST:g}: {alarms}")
-    lines += ["", f"held out: {result['gap']}", f"largest scores of nulls: {result['nulls']}"]
-    lines += [f"limits, observed over predicted: {seen['ratios']}"]
-    lines += [f"placebos: {result['placebos']}"]
-    lines += [f"confused: {' | '.join(one)}" for one in result["confusions"]]
+    for title, numbers in (
+        ("held out, medians of single effects named rightly", result["gap"]),
+        ("closure with a wrong effect in the place of the right one", result["placebos"]),
+        ("largest scores where nothing is hidden", result["nulls"]),
+        ("limits, observed over predicted", seen["ratios"]),
+    ):
+        lines += ["", title]
+        lines += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
+    lines += ["", "strong singles not named: hidden, verdict, named"]
+    lines += [
+        f"  {effect:24} {verdict:10} {told}" for effect, verdict, told in result["confusions"]
+    ]
     return "\n".join(lines)
+
+
+def _judged(name: str, rate: Mapping[str, Any]) -> str:
+    way, goal = GOALS[name]
+    share = rate["hits"] / rate["of"]
+    met = share >= goal if way == ">=" else share <= goal
+    return f"{'met' if met else 'MISSED'} (goal {way} {100.0 * goal:g} %)"
