@@ -29,7 +29,7 @@ STIFFNESS, STRENGTH, POISSON = (20e3, 300e3), (0.01, 0.15), (0.30, 0.45)
 OWN_WEIGHT = 3.0  # least uniaxial yield stress over rho g H
 NORMAL_90 = 1.645
 SECONDS = {"press": 60.0, "bend": 150.0}  # of one simulation
-READING = {"press": 8.0, "bend": 12.0}  # of one identification
+READING = {"press": 8.0, "bend": 4.0}  # of one identification
 FINER = 3.5  # power of the fineness of a grid by which a simulation takes longer
 
 __all__ = ["planned_cases", "run_probes", "table"]
