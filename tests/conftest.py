@@ -21,6 +21,24 @@ FLAGS = (
     " --virtual-time-budget=4000 --enable-logging=stderr"
 )
 
+LONGEST = (  # begun first, so that no worker is left with one of them at the end
+    "test_diagnose",
+    "test_small_cases",
+    "test_interior",
+    "test_effects",
+    "test_commands",
+    "05_from_pictures",
+    "04_find_the_missing_effect",
+    "test_weak",
+    "test_columns",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """The files that take longest come first."""
+    place = {name: n for n, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(LONGEST)))
+
 
 @pytest.fixture
 def played(tmp_path):
