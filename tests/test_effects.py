@@ -234,24 +234,29 @@ def loose():
     return standing("frictionless", SIZE[2] + 4e-4 - stroke, X, t, stamps)
 
 
+def begun(model, *causes):
+    """A twin, on the grid of the data, of what is not its material and may act."""
+    scenes = replace(Scenes.of((loose(),), DX), coarser=1.0)
+    (made,) = scenes.rolled(Model(SOFT.law, {"mu": 20.4e3, "lam": 39e3}, causes))
+    own = probe(replace(made, noise=1e-6), "press", DX)
+    problem = Problem.of([own], Unknowns.of(SOFT.law, {}, "law"), "borne")
+    return matched(Match.of(problem, scenes, model))
+
+
+@pytest.fixture(scope="module")
+def untouched():
+    """Nothing acts, and nothing is believed to."""
+    return begun(Model(SOFT.law, SOFT.values))
+
+
 @pytest.mark.parametrize("name", ["tool-friction", "adhesion", "floor-slip"])
-def test_contact_is_found_by_simulating_it(name):
+def test_contact_is_found_by_simulating_it(name, untouched):
     """Their columns are differences of simulations: begun from another size, the true one is found."""
     effect, (size, shape) = CATALOGUE[name], TRIED[name]
-    scenes = replace(Scenes.of((loose(),), DX), coarser=1.0)
-    values = {"mu": 20.4e3, "lam": 39e3}
-    start = Model(SOFT.law, SOFT.values)
-
-    def problem(*causes):
-        (made,) = scenes.rolled(Model(SOFT.law, values, causes))
-        own = probe(replace(made, noise=1e-6), "press", DX)
-        return Problem.of([own], Unknowns.of(SOFT.law, {}, "law"), "borne")
-
-    more = start.more(effect, effect.trial, shape)
-    hidden = matched(Match.of(problem(Cause(effect, size, shape)), scenes, more))
+    more = Model(SOFT.law, SOFT.values).more(effect, effect.trial, shape)
+    hidden = begun(more, Cause(effect, size, shape))
     assert hidden.model.causes[0].coefficient == pytest.approx(size, rel=0.05)
-    plain = matched(Match.of(problem(), scenes, start))
-    assert abs(scored(plain, effect, [shape]).coefficient) < 0.05 * size
+    assert abs(scored(untouched, effect, [shape]).coefficient) < 0.05 * size
 
 
 def test_every_effect_is_declared_in_full():
