@@ -45,14 +45,14 @@ def write_diagnosis(
 
 def _play(found: Diagnosis, folder: Path) -> str:
     """Name of a page that plays the first held-out motion; "": none was predicted."""
-    if found.check is None:
+    if found.check is None or found.after is None:
         return ""
     from form_drake.systems.before_after import write_before_after
 
     write_before_after(
         found.check.measured[0],
-        found.check.before[0],
-        found.after[0],
+        found.check.before.recordings[0],
+        found.after.recordings[0],
         folder / PLAYED,
         "held-out motion, measured and predicted",
     )

@@ -19,7 +19,8 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
-from form_drake.diagnose.verify import Channel
+from form_drake.diagnose.verdict import WRONG
+from form_drake.diagnose.verify import Channel, Check, Predicted
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
@@ -230,12 +231,16 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     force = gap["force of plate 1"]
     assert force["closure"] > 0.95 and force["after"] < 1.2 * force["floor"]
     assert gap["tracks 1"]["closure"] is None  # late forces move no track
+    balance = gap["balance"]  # of rows, which gather all samples
+    assert balance["closure"] > 0.9 and balance["after"] < 1.1 * balance["floor"]
+    assert balance["before"] > 2.5 * balance["floor"]
     runner_up, drawn = found["placebos"]
     others = [k for k in found["passes"][0]["scores"] if k not in effect["class"]]
     assert runner_up["name"] == others[0] and drawn["name"] in others[1:]
     for placebo in (runner_up, drawn):
         closed = {g["channel"]: g["closure"] for g in placebo["gap"]}
         assert closed["force of plate 1"] < force["closure"] - 0.3 and closed["tracks 1"] is None
+        assert closed["balance"] < balance["closure"] - 0.3
     before, after = (one["ledgers"][0] for one in found["passes"])
     assert effect["onset"] == {"probe 1": before["onset"]} and after["onset"] is None
     assert before["tool"] > 2.0 * before["interior"] and after["tool"] < 1.5
@@ -397,6 +402,36 @@ def test_what_grids_may_have_wrong_makes_no_prediction_worse():
     assert not replace(channel, grid=0.4).worse  # two of these beside a twentieth of the error
     assert not replace(channel, after=1.04).worse
     assert not replace(channel, floor=1.2).worse  # all of it is noise
+
+
+def borne_out(before, after, chance=50.0):
+    """Of held-out rows of unit variance, before and after: one that effects change, and another."""
+    own = [np.array(rows) for rows in (before, after)]
+    by = SimpleNamespace(white=lambda a: a)
+    match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance)
+    was = SimpleNamespace(match=SimpleNamespace(apart=own[0]))
+    return Check(SimpleNamespace(), None, was).bears_out(Predicted((), (), match))
+
+
+def test_held_out_rows_that_keep_more_than_noise_refuse_what_was_found():
+    most = np.sqrt(50.0 + 4.0 * np.sqrt(125.0))
+    assert borne_out((0.0, 0.99 * most), (0.0, 0.99 * most))
+    assert not borne_out((0.0, 1.01 * most), (0.0, 1.01 * most))
+    for share, fits in ((0.9, True), (1.1, False)):  # of what simulations of effects have wrong
+        left = np.sqrt(most**2 + share * WRONG**2 * 900.0)
+        assert borne_out((30.0, left), (0.0, left)) is fits
+
+
+@pytest.mark.parametrize(
+    ("predicted", "there", "fits"),
+    [(3.9, 0.0, True), (4.1, 0.0, False), (4.1, 0.6, True), (20.0, 0.7, False), (20.0, 0.75, True)],
+)
+def test_held_out_rows_change_by_as_much_as_was_predicted(predicted, there, fits):
+    """In standard deviations; from four on they tell. The share that is there is known to 1/predicted."""
+    gap = there * predicted
+    assert borne_out((gap, 0.0), (gap - predicted, 0.0)) is fits
+    if there:
+        assert borne_out(((2.0 - there) * predicted, 0.0), (-gap + predicted, 0.0)) is fits
 
 
 def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys):

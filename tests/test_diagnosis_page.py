@@ -229,7 +229,7 @@ def diagnosis():
         passes.append(replace(one, match=match))
     law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
     model = Model(law, values, (Cause(inclusion, 2.0, BALL, 0.1),))
-    added = Naming(tuple(passes), model, model.causes, "ambiguous")
+    added = Naming(tuple(passes), SimpleNamespace(told=model), model.causes, "ambiguous")
     return Diagnosis(added, Model(law, values), 1000.0)
 
 
@@ -288,7 +288,8 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
 def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):
     causes = tuple(replace(c, std=np.inf) for c in diagnosis.naming.added)
     model = replace(diagnosis.naming.model, causes=causes)
-    unsure = replace(diagnosis, naming=replace(diagnosis.naming, model=model, added=causes))
+    naming = replace(diagnosis.naming, match=SimpleNamespace(told=model), added=causes)
+    unsure = replace(diagnosis, naming=naming)
     assert "(inclusion 2 -, or another size: these recordings do not tell" in unsure.sentence()
     told = json.loads(json.dumps(unsure.to_json(), allow_nan=False))
     assert told["effects"][0]["std"] is None and unsure.material.effects[0].std is None

@@ -23,6 +23,15 @@ def test_shapes_that_are_sizes_stay_positive_in_differences():
     assert turned == pytest.approx(0.2 * np.radians(45.0))  # an angle may pass zero
 
 
+def test_a_size_is_no_surer_than_its_simulation():
+    shape = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
+    spread = {"x": 1e-4, "radius": 3e-5}
+    cause = Cause(CATALOGUE["inclusion"], 2.0, shape).known(0.06, spread)
+    assert cause.told == pytest.approx(0.1) and cause.least == 0.06  # and 4 % of 2
+    assert cause.spread == {"x": 1e-4, "radius": pytest.approx(5e-5)}
+    assert Cause(CATALOGUE["inclusion"], 2.0, shape).known(np.inf, {}).told is None
+
+
 def test_more_of_a_cause_is_one_cause_where_its_shape_is_the_same():
     plain = Model(LAWS["neo-hookean"], {"C10": 1.0, "kappa": 2.0})
     slip = CATALOGUE["floor-slip"]
@@ -53,7 +62,7 @@ def test_what_no_row_sees_is_neither_projected_off_nor_told():
     match.__dict__["explained"] = np.hstack([2.0 * np.eye(8)[:, :6], np.zeros((8, 1))])
     assert match.off(np.eye(8)) == pytest.approx(np.diag([0.0] * 6 + [1.0] * 2))
     (told,) = match.told.causes
-    assert told.std == 0.5 and told.spread == {key: 0.5 for key in "xyz"}
+    assert told.least == 0.5 and told.spread == {key: 0.5 for key in "xyz"}
 
 
 def score(name, size, **shape):
@@ -68,7 +77,7 @@ class Fake:
     def __init__(self, squares):
         self.squares = squares
         gap = np.array([np.sqrt(squares[0])])
-        self.match = SimpleNamespace(gap=gap, left=gap)
+        self.match = SimpleNamespace(gap=gap, excess=squares[0], excess_left=squares[0])
         self.settled = len(squares) == 1
 
     def stepped(self):
@@ -89,8 +98,7 @@ def course(monkeypatch):
 
     monkeypatch.setattr(race.Search, "of", staticmethod(Fake))
     more = SimpleNamespace(more=lambda effect, size, shape: (effect.id, *shape.values()))
-    left = np.array([np.sqrt(1000.0)])
-    match = SimpleNamespace(model=more, near=near, left=left)
+    match = SimpleNamespace(model=more, near=near)
     match.on = lambda coarser: match
     return match, ways
 
@@ -158,13 +166,13 @@ def test_what_cannot_be_simulated_is_passed_over_or_told(course):
 
 def runner(name, apart, left, worth=100.0):
     """After a race; its search then reaches ``left``."""
-    reached = SimpleNamespace(left=np.array([np.sqrt(left)]), worth=worth)
+    reached = SimpleNamespace(excess_left=left, worth=worth)
     return SimpleNamespace(score=score(name, 50.0), apart=apart, left=left, matched=lambda: reached)
 
 
 def added(monkeypatch, runners, left=100.0):
     seen = tuple(r.score for r in runners)
-    match = SimpleNamespace(left=np.array([np.sqrt(left)]))
+    match = SimpleNamespace(excess_left=left)
     monkeypatch.setattr(verdict, "raced", lambda *a: runners)
     return verdict._added(verdict.Found(match, seen, seen), {}, lambda text: None, last=False)
 
@@ -178,7 +186,7 @@ def test_what_explains_too_little_when_it_is_simulated_is_not_named(monkeypatch)
     runners = [runner("floor-slip", 95.0, 85.0), runner("drag", 90.0, 20.0)]
     found, after = added(monkeypatch, runners)
     assert found.best.effect.id == "drag" and found.refused == ("floor-slip",)
-    assert after.left @ after.left == pytest.approx(20.0) and found.rivals == ()
+    assert after.excess_left == 20.0 and found.rivals == ()
 
 
 def test_what_is_worth_too_little_when_all_is_refitted_is_not_named(monkeypatch):
@@ -215,3 +223,28 @@ def test_simulations_that_come_as_near_are_rivals_unless_they_are_alike(monkeypa
     same.score = Score(CATALOGUE["relaxation"], {}, 1.0, 0.1, 40.0, 0.5, runners[0].score.column)
     found, _ = added(monkeypatch, [runners[0], same])
     assert (found.alike, found.rivals) == (("relaxation",), ())
+
+
+def test_what_scores_as_much_below_its_threshold_is_a_rival_too():
+    """Next to the threshold chance decides which of two is above it."""
+    best = runner("drag", 84.0, 83.0)
+    best.score = score("drag", 17.0)
+    near, far = score("damping", 15.0), score("density", 6.0)
+    like = replace(score("relaxation", 15.5), column=best.score.column)
+    match = SimpleNamespace(excess_left=100.0)
+    ranked = (best.score, like, near, far)
+    found = verdict.Found(match, ranked, (best.score,))
+    judged = verdict._judged(found, best, [best], [])
+    assert (judged.alike, judged.rivals) == (("relaxation",), ("damping",))
+    strong = replace(found, match=SimpleNamespace(excess_left=400.0))  # simulated, it takes 317
+    assert verdict._judged(strong, best, [best], []).rivals == ()
+
+
+def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
+    def left(square, doubt=0.0):
+        match = SimpleNamespace(excess_left=square - 100.0, chance=100.0)
+        return verdict.Found(match, (), doubt=doubt).enough
+
+    most = 100.0 + 4.0 * np.sqrt(250.0)  # chi-square of 100 rows, and the mean of four draws of it
+    assert left(0.99 * most) and not left(1.01 * most)
+    assert left(most + 40.0, doubt=50.0) and not left(most + 60.0, doubt=50.0)

@@ -79,7 +79,7 @@ class Advice:
     @classmethod
     def of(cls, naming: Naming, verdict: str) -> "Advice":
         """From all passes; limits are those of the last one, in which what was found is known."""
-        added = [Limit(c.effect, DETECTED * c.told) for c in naming.added if c.told is not None]
+        added = [Limit(c.effect, DETECTED * c.least) for c in naming.added if c.told is not None]
         left = [Limit(s.effect, s.limit) for s in naming.passes[-1].ranked]
         limits = sorted([*added, *left], key=lambda one: (one.missed, one.effect.id))
         recorded = _recorded(naming)

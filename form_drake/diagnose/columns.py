@@ -11,6 +11,7 @@ from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
+from form_drake.records import Recording
 from form_drake.workers import forkable, mapped
 
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
@@ -128,11 +129,12 @@ def _placed(effect: Effect) -> bool:
     return bool(effect.trial) and "radius" in effect.shapes
 
 
-def twin_of(problem: Problem, scenes: Scenes, model: Model) -> Problem:
-    """A simulation of scenes, read as those of a problem."""
-    return twin_problem(
-        problem, scenes.recordings, lambda _: scenes.rolled(model), dict(model.values)
-    )
+def twin_of(
+    problem: Problem, scenes: Scenes, model: Model, made: Sequence[Recording] | None = None
+) -> Problem:
+    """A simulation of scenes, unless it is ``made`` already, read as those of a problem."""
+    made = scenes.rolled(model) if made is None else made
+    return twin_problem(problem, scenes.recordings, lambda _: made, dict(model.values))
 
 
 def rest_of(rows: Rows, theta: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.placebo import Placebo, placebos
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
-from form_drake.diagnose.verify import Channel, Check
+from form_drake.diagnose.verify import Channel, Check, Predicted
 from form_drake.effects import Effect
 from form_drake.laws import Law
 from form_drake.material import Material
@@ -35,20 +35,22 @@ class Diagnosis:
     without: Model
     density: float
     check: Check | None = None
-    after: tuple[Recording, ...] = ()
+    after: Predicted | None = None
     placebos: tuple[Placebo, ...] = ()
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """Errors on held-out motions."""
-        return tuple(self.check.channels(self.after)) if self.check else ()
+        return tuple(self.check.channels(self.after)) if self.check and self.after else ()
 
     @cached_property
     def verdict(self) -> Verdict:
-        """That of the naming, unless held-out motion does not improve."""
+        """That of the naming, unless held-out motion does not bear it out."""
         counting = [c for c in self.channels if c.counts]
         worse = any(c.worse for c in self.channels)
         helped = not counting or max(c.closure for c in counting) > 0.0
+        if self.check and self.after and not self.check.bears_out(self.after):
+            return "unnamed"
         if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
             return "unnamed"
         return self.naming.verdict
@@ -200,8 +202,12 @@ def diagnosed(
     if not holdout or not naming.added:
         return told
     progress("predicting the held-out motion")
-    check = Check.of(Scenes.of(tuple(holdout), dx, device), without)
-    told = replace(told, check=check, after=tuple(check.scenes.rolled(naming.model)))
+    try:
+        check = Check.of(Scenes.of(tuple(holdout), dx, device), naming.passes[0].match)
+        told = replace(told, check=check, after=check.predicted(naming.match))
+    except ValueError as error:
+        failed = f"held-out motion as predicted: {error}"
+        return replace(told, naming=replace(naming, verdict="unnamed", failed=failed))
     if placebo is None:
         return told
     return replace(told, placebos=tuple(placebos(naming, check, placebo, progress)))

@@ -6,7 +6,7 @@ little while the model does: a finer one tells it once, for the coarser ones tha
 the defect correction principle).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,21 +14,21 @@ import numpy as np
 
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Cause, Model, Scenes
+from form_drake.diagnose.noise import shaken, weighed
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
-from form_drake.weak.contact import STIFFNESS, HeldFields, held
-from form_drake.weak.probe import Probe
-from form_drake.weak.solve import TINY, Weights, weights
+from form_drake.records import Recording
+from form_drake.weak.solve import TINY, Weights
 
-PAIRS = 4  # of noise draws
-LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
-ALONE = 0.3  # of that, from one window to the next
 OTHER = 0.03  # of the rows, from which their noise is taken anew
 AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
 CLOSE = 0.02  # of the rows, from which what the grid has wrong is looked at again
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
+SINGULAR = 1e-15  # of the largest singular value, from which a combination of unknowns is seen
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
+
+Recordings = Sequence[Recording]
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,14 @@ class Match:
     simulated: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, problem: Problem, scenes: Scenes, model: Model) -> "Match":
-        """Simulate on the coarser grid, read, and weigh."""
+    def of(
+        cls, problem: Problem, scenes: Scenes, model: Model, made: Recordings | None = None
+    ) -> "Match":
+        """Simulate on the coarser grid, unless that is ``made`` already, read, and weigh."""
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
-        twin = twin_of(problem, scenes.rough, model)
-        by = _weighed(problem, twin, scenes, model)
+        twin = twin_of(problem, scenes.rough, model, made)
+        by = weighed(problem, twin, scenes, model)
         found = cls(problem, twin, by, by, model, scenes)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
         return replace(found, grid=none, began=found.apart)
@@ -89,14 +91,14 @@ class Match:
         one, other = (rest_of(t.rows(eta, theta), theta) for t in (self.twin, twin))
         return replace(found, grid=self.grid + one - other)
 
-    def anchored(self) -> "Match":
+    def anchored(self, made: Recordings | None = None) -> "Match":
         """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another.
 
-        The finest grid has nothing wrong that is known.
+        The finest grid has nothing wrong that is known. The simulation may be ``made`` already.
         """
         if self.scenes.coarser <= 1.0:
             return self
-        finer = twin_of(self.problem, self.scenes, self.model)
+        finer = twin_of(self.problem, self.scenes, self.model, made)
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
         pairs = zip(self.scenes.spacings, self.scenes.rough.spacings, strict=True)
@@ -104,7 +106,7 @@ class Match:
         grid = (one - other) / np.repeat(share, [int(p.keep.sum()) for p in self.problem.probes])
         noise = self.noise
         if self._moved > OTHER:
-            noise = _weighed(self.problem, self.twin, self.scenes, self.model)
+            noise = weighed(self.problem, self.twin, self.scenes, self.model)
         found = replace(self, grid=grid, noise=noise, by=noise.beside(grid - (one - other)))
         return replace(found, began=found.apart)
 
@@ -178,8 +180,20 @@ class Match:
     def seen_by(self, by: Weights, apart: np.ndarray) -> "Match":
         """The same columns with other weights, and other rows left over."""
         other = replace(self, by=by)
-        other.__dict__.update(raw=self.raw, slopes=self.slopes, apart=apart)
+        kept = {"raw": self.raw, "slopes": self.slopes, "_shaken": self._shaken}
+        other.__dict__.update(kept, apart=apart)
         return other
+
+    def doubted(self, root: np.ndarray) -> "Match":
+        """With what its unknowns may have wrong as an error of its rows.
+
+        Args:
+            root: of their covariance, see ``root``.
+        """
+        by = self.by
+        for error in (self.slopes @ root).T:
+            by = by.beside(error)
+        return self.seen_by(by, self.apart)
 
     @cached_property
     def gap(self) -> np.ndarray:
@@ -195,16 +209,44 @@ class Match:
         """
         eta, theta = self.twin.coordinates(self.model.values)
         data, own = (rest_of(p.rows(eta, theta), theta) for p in (self.problem, self.twin))
-        shift, count, rng = np.zeros(len(own)), 0, np.random.default_rng(0)
-        for _ in range(PAIRS):
-            drawn = [probe.drawn(rng) for probe in self.problem.probes]
-            made = [self.twin.coarser.disturbed(eta, drawn, share) for share in (0.0, 1.0, -1.0)]
-            still, *both = (rest_of(one, theta) for one in made if one is not None)
-            if len(both) == 2:
-                shift += np.mean(both, axis=0) - still
-                count += 1
+        shift = sum((0.5 * (one + other) for one, other in self._shaken), start=np.zeros(len(own)))
         grid = 0.0 if self.grid is None else self.grid
-        return np.asarray(data - own - grid - shift / max(count, 1))
+        return np.asarray(data - own - grid - shift / max(len(self._shaken), 1))
+
+    @cached_property
+    def _shaken(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """What noise changes of the twin's rows, not whitened: draws and their opposites."""
+        eta, theta = self.twin.coordinates(self.model.values)
+        return shaken(self.problem, self.twin.coarser, eta, theta)
+
+    @cached_property
+    def chance(self) -> float:
+        """Square of ``left`` if nothing but noise were missing: the mean over draws."""
+        return self._expected(self.off)
+
+    @cached_property
+    def chance_apart(self) -> float:
+        """The same of ``gap``."""
+        return self._expected(lambda a: a)
+
+    @property
+    def excess(self) -> float:
+        """Square of ``gap`` beyond what noise gives.
+
+        Noise of the tracks enters the rows with the moduli: by the square alone, a model with smaller
+        ones would be nearer.
+        """
+        return float(self.gap @ self.gap) - self.chance_apart
+
+    @property
+    def excess_left(self) -> float:
+        """The same of ``left``."""
+        return float(self.left @ self.left) - self.chance
+
+    def _expected(self, part: Callable[[np.ndarray], np.ndarray]) -> float:
+        halves = [self.by.white(0.5 * (one - other)) for one, other in self._shaken]
+        squares = [np.sum(part(half) ** 2) for half in halves]
+        return float(np.mean(squares)) if squares else float(len(self.gap))
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -250,9 +292,15 @@ class Match:
     @cached_property
     def std(self) -> np.ndarray:
         """Of the unknowns; infinite where no row sees one."""
+        return np.where(self._seen, np.linalg.norm(self.root, axis=1), np.inf)
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """R of the covariance R R^T of the unknowns that are seen, shape [unknowns, unknowns]."""
         length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
-        inverse = np.linalg.pinv(self.explained / length)
-        return np.where(self._seen, np.linalg.norm(inverse, axis=1) / length, np.inf)
+        _, s, Vt = np.linalg.svd(self.explained / length, full_matrices=False)
+        told = s > SINGULAR * s.max(initial=0.0)
+        return np.asarray(Vt[told].T / s[told] / length[:, None])
 
     @property
     def told(self) -> Model:
@@ -262,31 +310,5 @@ class Match:
         for cause, (own, *shape) in zip(self.model.causes, parts, strict=True):
             spread = zip(cause.effect.shapes, map(float, shape), strict=True)
             seen = {key: std for key, std in spread if np.isfinite(std)}
-            causes.append(replace(cause, std=float(own), spread=seen))
+            causes.append(cause.known(float(own), seen))
         return replace(self.model, causes=tuple(causes))
-
-
-def layer_error(probe: Probe, dx: float) -> np.ndarray:
-    """Covariance of what a simulation has wrong of the layers at held faces, of all rows.
-
-    Seen in blocks of finite elements without any effect: it grows with the strain at the face, and
-    stays alike while that does.
-    """
-    total = np.zeros((len(probe.keep),) * 2)
-    points = sum(len(f.points) for f in probe.fields if isinstance(f, HeldFields))
-    if points:
-        strain = probe.motion.F[:, -points:] - np.eye(3)
-        size = np.sqrt(np.mean(np.sum(strain**2, axis=(2, 3)), axis=1))
-        error = LAYER * dx * STIFFNESS * (probe.windows.chi @ size)
-        rows = np.flatnonzero(held(probe.fields, probe.windows)).reshape(len(error), -1)
-        for own in rows.T:
-            total[np.ix_(own, own)] = np.outer(error, error) + ALONE**2 * np.diag(error**2)
-    return total[np.ix_(probe.keep, probe.keep)]
-
-
-def _weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
-    """Inverse covariance of noise, and of what simulations have wrong at held faces."""
-    noise = problem.noise(*problem.coordinates(model.values))
-    pairs = zip(noise, twin.probes, scenes.dx, strict=True)
-    noise = [n + layer_error(p, dx) for n, p, dx in pairs]
-    return weights(noise, np.ones(sum(map(len, noise))), 0.0)

@@ -16,6 +16,7 @@ from form_drake.workers import forkable, mapped
 STEP = 0.2  # of the width of a shape parameter, in differences
 FIRM = 2.0 / 3.0  # bulk modulus by shear modulus at a Poisson's ratio of zero
 CELLS = 8  # of the grid along the least edge of a body
+INEXACT = 0.04  # of the size of an effect, one standard deviation of what simulations have wrong
 SEARCH, FIT = 2.25, 1.5  # times the spacing, of grids that find what is missing and how much
 
 
@@ -29,6 +30,7 @@ class Cause:
         shape: values of its shape parameters.
         std: of the coefficient; infinite: what is measured does not tell its size.
         spread: standard deviations of the shape parameters that were refined and are seen.
+        alone: the part of ``std`` that is noise; None: all of it.
     """
 
     effect: Effect
@@ -36,11 +38,23 @@ class Cause:
     shape: Shape
     std: float = 0.0
     spread: Shape = field(default_factory=dict)
+    alone: float | None = None
+
+    def known(self, std: float, spread: Shape) -> "Cause":
+        """With standard deviations by noise, beside which stands what simulations have wrong of sizes."""
+        sizes = {k: self.shape[k] if self.effect.positive(k) else 0.0 for k in spread}
+        more = {k: _beside(own, sizes[k]) for k, own in spread.items()}
+        return replace(self, std=_beside(std, self.coefficient), spread=more, alone=std)
 
     @property
     def told(self) -> float | None:
         """Standard deviation for a file; None: it is infinite."""
         return self.std if np.isfinite(self.std) else None
+
+    @property
+    def least(self) -> float:
+        """Standard deviation by noise alone."""
+        return self.std if self.alone is None else self.alone
 
     @property
     def unknowns(self) -> int:
@@ -81,6 +95,10 @@ class Cause:
         }
         size = self.coefficient + float(change[0])
         return replace(self, coefficient=size, shape={**self.shape, **shape})
+
+
+def _beside(std: float, size: float) -> float:
+    return float(np.hypot(std, INEXACT * size))
 
 
 @dataclass(frozen=True)

@@ -158,9 +158,10 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
             "Placebos are effects of other classes, fitted to the same recordings: the best of them by"
             " its score, and one drawn by lot. What is named should close more than they do."
         )
-    if found.check is None:
+    if found.check is None or found.after is None:
         return
-    for seen, a, b in zip(found.check.measured, found.check.before, found.after, strict=True):
+    pairs = zip(found.check.before.recordings, found.after.recordings, strict=True)
+    for seen, (a, b) in zip(found.check.measured, pairs, strict=True):
         page.figure(overlay(seen, a, b), "Measured and predicted.")
 
 

@@ -86,5 +86,5 @@ def _others(naming: Naming) -> list[Score]:
 def _fitted(found: Found, score: Score, check: Check) -> Placebo:
     match = found.match.on(SEARCH)
     size = score.effect.bounded(score.coefficient)
-    model = matched(match.near(match.model.more(score.effect, size, score.shape)), rough=True).told
-    return Placebo(model.causes[-1], tuple(check.channels(check.scenes.rolled(model))))
+    wrong = matched(match.near(match.model.more(score.effect, size, score.shape)), rough=True)
+    return Placebo(wrong.told.causes[-1], tuple(check.channels(check.predicted(wrong))))

@@ -65,9 +65,7 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     """
     require_given(law.name, [k for k in law.constants("given") if k not in known])
     unknowns = Unknowns.of(law, known, "law")
-    problem, few = (
-        Problem.of(_probes(scenes, stride), unknowns, "borne") for stride in (STRIDE, APART)
-    )
+    problem, few = (problem_of(scenes, unknowns, stride) for stride in (STRIDE, APART))
     balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]
     found = weighing(replace(few, probes=tuple(balance)))
     theta = problem.unknowns.theta(found.solution.theta)
@@ -78,6 +76,8 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     return problem, Model(law, firm(law, values, known, UNKNOWN) if K < FIRM * G else values)
 
 
-def _probes(scenes: Scenes, stride: float) -> list[Probe]:
+def problem_of(scenes: Scenes, unknowns: Unknowns, stride: float = STRIDE) -> Problem:
+    """Recordings of one specimen, read with these fields."""
     pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
-    return [probe(recording, f"probe {n}", dx, stride) for n, (recording, dx) in pairs]
+    probes = [probe(recording, f"probe {n}", dx, stride) for n, (recording, dx) in pairs]
+    return Problem.of(probes, unknowns, "borne")

@@ -32,13 +32,13 @@ class Runner:
 
     @property
     def apart(self) -> float:
-        """Square of its gap."""
-        return float(np.sum(self.search.match.gap**2))
+        """Square of its gap, beyond noise."""
+        return self.search.match.excess
 
     @property
     def left(self) -> float:
-        """Square of what a last step would leave of it."""
-        return float(np.sum(self.search.match.left**2))
+        """Square of what a last step would leave of it, beyond noise."""
+        return self.search.match.excess_left
 
     def matched(self) -> Match:
         """The twin nearest to the data, on the grid that tells how much is missing.
@@ -74,8 +74,7 @@ def raced(
     """
     match = match.on(SEARCH)
     runners, failure = [], ValueError("no effect is given")
-    field = _field(seen)
-    starts = [start for score in field for start in _starts(match, score, seen[0].score)]
+    starts = [start for score in field(seen) for start in _starts(match, score, seen[0].score)]
     for start in starts:
         progress(f"trying {start.effect.id}")
         try:
@@ -98,15 +97,15 @@ def raced(
     return list(first.values())
 
 
-def _field(seen: Sequence[Score]) -> list[Score]:
+def field(seen: Sequence[Score]) -> list[Score]:
     """What is simulated: of effects that no simulation would tell apart, the first."""
-    field = list[Score]()
+    found = list[Score]()
     for score in seen:
-        near = score.score > NEARLY * seen[0].score and len(field) < FIELD
-        alike = coherence([score, *field])[0, 1:].max(initial=0.0) > SAME
+        near = score.score > NEARLY * seen[0].score and len(found) < FIELD
+        alike = coherence([score, *found])[0, 1:].max(initial=0.0) > SAME
         if (near or score.effect.columnless) and not alike:
-            field.append(score)
-    return field
+            found.append(score)
+    return found
 
 
 def _starts(match: Match, score: Score, best: float) -> list[Score]:

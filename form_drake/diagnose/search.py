@@ -127,16 +127,16 @@ class Search:
             if damped > LARGER**3:
                 raise
             return replace(self, damping=damped)
-        reached = float(np.sum(after.gap**2))
-        surprise = reached - float(np.sum((match.gap - self._columns @ change) ** 2))
+        expected = float(np.sum((match.gap - self._columns @ change) ** 2)) - match.chance_apart
+        surprise = after.excess - expected
         taught = self.mended
         if surprise > NOISE:  # else what was missed is what noise of the data does to its columns
             weight = change / match.std**2
             missed = match.apart - after.apart - (match.slopes + self.mended) @ change
             taught = self.mended + np.outer(missed, weight) / (weight @ change)
-        before = float(np.sum(match.gap**2))
-        idle = self.idle + 1 if reached > before - self._worth else 0
-        if reached > max(WORSE * before, before + 2.0 * SAME):
+        before, gained = float(np.sum(match.gap**2)), match.excess - after.excess
+        idle = self.idle + 1 if gained < self._worth else 0
+        if gained < -max((WORSE - 1.0) * before, 2.0 * SAME):
             return replace(self, mended=taught, damping=damped, idle=idle)
         less = self.damping / LARGER
         damping = less if less > FIRST / LARGER else 0.0

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
-import numpy as np
-
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.model import Cause, Model, Scenes
-from form_drake.diagnose.race import MARGIN, Runner, raced
+from form_drake.diagnose.model import INEXACT, Cause, Model, Scenes
+from form_drake.diagnose.noise import most
+from form_drake.diagnose.race import MARGIN, Runner, field, raced
 from form_drake.diagnose.score import ALIKE, Score, coherence, scores
 from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
@@ -16,7 +16,7 @@ from form_drake.identify.problem import Problem
 
 MOST = 3  # effects
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
-WRONG = 0.08  # of what effects change, that their simulation may have wrong
+WRONG = 2.0 * INEXACT  # of what effects change, that their simulation may have wrong
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
 
@@ -31,7 +31,8 @@ class Found:
         seen: those above their thresholds.
         best: that which is added, or which stands out in the last pass and is not; None: none does.
         alike: ids of effects whose columns are of one class with it.
-        rivals: ids of effects of other classes whose simulations come as near.
+        rivals: ids of effects of other classes whose simulations come as near, or whose columns where
+            they were not simulated.
         refused: ids of effects above their thresholds whose simulations explain too little.
         doubt: least score, for what the simulation of effects that were added may have wrong.
     """
@@ -51,8 +52,14 @@ class Found:
 
     @property
     def left(self) -> float:
-        """Square of what law and causes leave of the gap."""
-        return float(np.sum(self.match.left**2))
+        """Square of what law and causes leave of the gap, beyond noise."""
+        return self.match.excess_left
+
+    @property
+    def enough(self) -> bool:
+        """Whether that may be noise, and what the simulation of effects may have wrong."""
+        chance = self.match.chance
+        return self.left < most(chance) - chance + self.doubt
 
 
 @dataclass(frozen=True)
@@ -61,18 +68,23 @@ class Naming:
 
     Attributes:
         passes: the last one found nothing, or no more were allowed.
-        model: with everything that was added, refitted.
         added: causes of the model that were not known before, one for each pass but the last.
+        match: the model's twin.
         verdict: ``unnamed``: something is missing that no effect explains, or none that can be
-            simulated.
+            simulated, or more than noise is left.
         failed: the effect that was found last and cannot be simulated, and why; "": there is none.
     """
 
     passes: tuple[Found, ...]
-    model: Model
+    match: Match
     added: tuple[Cause, ...]
     verdict: Verdict
     failed: str = ""
+
+    @cached_property
+    def model(self) -> Model:
+        """With everything that was added, refitted."""
+        return self.match.told
 
 
 def named(
@@ -101,7 +113,7 @@ def named(
     match, passes, failed = matched(begun, rough=True), list[Found](), ""
     while True:
         progress("scoring effects")
-        explained = passes[0].left - float(np.sum(match.left**2)) if passes else 0.0
+        explained = passes[0].left - match.excess_left if passes else 0.0
         found = judged(match, effects, thresholds, WRONG**2 * explained)
         try:
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
@@ -111,14 +123,13 @@ def named(
         if after is None:
             break
         match = after
-    model = match.told
-    added = model.causes[len(start.causes) :]
+    added = match.told.causes[len(start.causes) :]
     verdict: Verdict = "named" if added else "none"
-    if passes[-1].best is not None:
+    if passes[-1].best is not None or not passes[-1].enough:
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
-    return Naming(tuple(passes), model, added, verdict, failed)
+    return Naming(tuple(passes), match, added, verdict, failed)
 
 
 def judged(
@@ -159,10 +170,10 @@ def _added(
         if found.left - runner.left > wanted:
             progress(f"adding {effect.id}")
             after = runner.matched()
-            gain = found.left - float(np.sum(after.left**2))
+            explained, gain = found.left - runner.left, found.left - after.excess_left
             if min(gain, after.worth) > wanted:  # by the weights before, and by its own
                 return _judged(found, runner, runners, refused), after
-            odd = max(odd, gain - after.worth)
+            odd = max(odd, gain - after.worth, explained - gain)
         refused.append(effect.id)
     found = replace(found, refused=tuple(refused))
     chance = odd <= found.wanted(first.effect, thresholds)
@@ -170,16 +181,23 @@ def _added(
 
 
 def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:
-    """With what is alike and what does as well."""
-    others = [s for s in found.seen if s.effect is not best.score.effect]
-    like = coherence([best.score, *others])[0, 1:]
-    alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
+    """With what is alike and what does as well.
+
+    Next to a threshold chance decides which of two effects is above it: what was not simulated and
+    scores nearly as much does as well, too.
+    """
+    own, tried = best.score, {s.effect.id for s in field(found.seen)}
+    least = max(own.score, found.left - best.left) - MARGIN
+    near = [s for s in found.ranked if s.score > least and s.effect.id not in tried]
+    others = {s.effect.id: s for s in (*found.seen, *near) if s.effect is not own.effect}
+    like = coherence([own, *others.values()])[0, 1:]
+    alike = [name for name, c in zip(others, like, strict=True) if c > ALIKE]
     rivals = [
         r.score.effect.id
         for r in runners
         if r is not best and r.apart < best.apart + MARGIN and r.score.effect.id not in refused
     ]
-    rivals = [name for name in rivals if name not in alike]
+    rivals = [name for name in (*rivals, *(s.effect.id for s in near)) if name not in alike]
     return replace(
-        found, best=best.score, alike=tuple(alike), rivals=tuple(rivals), refused=tuple(refused)
+        found, best=own, alike=tuple(alike), rivals=tuple(rivals), refused=tuple(refused)
     )

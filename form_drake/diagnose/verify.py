@@ -1,16 +1,23 @@
 """What an effect is worth: motions that were held back, predicted without it and with it.
 
 What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
-out of the errors before and after alike, so that neither is blamed for it.
+out of the errors before and after alike, so that neither is blamed for it. Tracks and forces are compared
+sample by sample, which needs a gap above the noise of one; rows of the balance gather all samples.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.model import Scenes
+from form_drake.diagnose.noise import most
+from form_drake.diagnose.prepare import problem_of
+from form_drake.diagnose.verdict import LEAST, WRONG
+from form_drake.identify.problem import Problem
 from form_drake.motion.tracks import jitter
 from form_drake.records import Recording
 from form_drake.weak.force import measured
@@ -20,6 +27,7 @@ SEEN = 2.0  # times the floor, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
 GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
+SURE = 3.0  # standard deviations, by which a change is another than was predicted
 LEFT = 0.2  # of what the grid changes, which its projection leaves
 
 
@@ -73,34 +81,87 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Predicted:
+    """Held-out motions as a model has them.
+
+    Attributes:
+        recordings: simulated.
+        coarse: the same on a coarser grid.
+        match: their rows beside those of the data; what the unknowns of the model may have wrong is an
+            error of them. None: tracks and forces alone are compared.
+    """
+
+    recordings: tuple[Recording, ...]
+    coarse: tuple[Recording, ...]
+    match: Match | None
+
+
+@dataclass(frozen=True)
 class Check:
     """Held-out motions, predicted.
 
     Attributes:
         scenes: of the recordings that were held back.
+        problem: they, read for the balance; None: there are too few points, or too noisy ones.
         before: predicted without the effects.
-        coarse: the same on a coarser grid.
     """
 
     scenes: Scenes
-    before: tuple[Recording, ...]
-    coarse: tuple[Recording, ...]
+    problem: Problem | None
+    before: Predicted
 
     @classmethod
-    def of(cls, scenes: Scenes, without: Model) -> "Check":
-        """Simulate held-out scenes with a model without effects."""
-        before, coarse = (s.rolled(without) for s in (scenes, scenes.times(COARSER)))
-        return cls(scenes, tuple(before), tuple(coarse))
+    def of(cls, scenes: Scenes, fitted: Match) -> "Check":
+        """Simulate held-out scenes with a model without effects.
+
+        Args:
+            scenes: of the recordings that were held back.
+            fitted: to the other recordings.
+
+        Raises:
+            ValueError: a simulation fails.
+        """
+        scenes, problem = replace(scenes, coarser=COARSER), None
+        with suppress(ValueError):
+            problem = problem_of(scenes, fitted.problem.unknowns)
+        return cls(scenes, problem, _predicted(problem, scenes, fitted))
 
     @property
     def measured(self) -> tuple[Recording, ...]:
         """Recordings that were held back."""
         return self.scenes.recordings
 
-    def channels(self, after: Sequence[Recording]) -> list[Channel]:
-        """Errors of the model without effects and of another one's recordings."""
+    def predicted(self, fitted: Match) -> Predicted:
+        """What a model with effects predicts.
+
+        Raises:
+            ValueError: a simulation fails.
+        """
+        return _predicted(self.problem, self.scenes, fitted)
+
+    def bears_out(self, after: Predicted) -> bool:
+        """Whether the rows change by as much as effects predict, and no more is left than may be.
+
+        How much of the predicted change is there is known but for noise and what simulations of
+        effects have wrong. Half of it, or less, brings the rows no nearer. Too small a change is no
+        matter of them.
+        """
+        if self.before.match is None or after.match is None:
+            return True
+        before, now = self.before.match.apart, after.match.apart
+        was, change = after.match.by.white(np.stack([before, before - now], axis=1)).T
+        left, square = float(np.sum(after.match.gap**2)), float(change @ change)
+        if square > LEAST:
+            unsure = SURE * float(np.hypot(1.0 / np.sqrt(square), WRONG))
+            if abs(float(was @ change) / square - 1.0) > min(unsure, 0.5):
+                return False
+        return left < most(after.match.chance_apart) + WRONG**2 * (float(was @ was) - left)
+
+    def channels(self, after: Predicted) -> list[Channel]:
+        """Errors of the model without effects and of another one: of tracks, forces and the balance."""
         found = []
-        rows = zip(self.measured, self.before, self.coarse, after, strict=True)
+        every = (self.before.recordings, self.before.coarse, after.recordings)
+        rows = zip(self.measured, *every, strict=True)
         for n, (seen, before, coarse, other) in enumerate(rows, start=1):
             tools = [
                 (
@@ -117,7 +178,27 @@ class Check:
                 *tools,
             ]:
                 found.append(_channel(name, unit, noise, values))
+        if self.before.match is not None and after.match is not None:
+            found.append(_balance(self.before.match, after.match))
         return found
+
+
+def _predicted(problem: Problem | None, scenes: Scenes, fitted: Match) -> Predicted:
+    model = fitted.told
+    fine, coarse = (tuple(s.rolled(model)) for s in (scenes, scenes.rough))
+    if problem is None:
+        return Predicted(fine, coarse, None)
+    match = Match.of(problem, scenes, model, coarse).anchored(fine)
+    return Predicted(fine, coarse, match.doubted(fitted.root))
+
+
+def _balance(before: Match, after: Match) -> Channel:
+    """Rows of the balance, in standard deviations, by the weights after."""
+    grid = np.zeros(len(after.gap)) if after.grid is None else after.grid
+    rows = after.by.white(np.stack([before.apart, after.apart, grid], axis=1))
+    was, now, changed = np.sqrt(np.mean(rows**2, axis=0)).tolist()
+    floor = float(np.sqrt(after.chance_apart / len(rows)))
+    return Channel("balance", "sigma", was, now, floor, changed)
 
 
 def tracking_noise(recording: Recording) -> float:

@@ -1,0 +1,66 @@
+"""What noise does to the rows of a balance, and what simulations of held layers have wrong."""
+
+import numpy as np
+
+from form_drake.diagnose.columns import rest_of
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.identify.problem import Problem
+from form_drake.weak.contact import STIFFNESS, HeldFields, held
+from form_drake.weak.probe import Probe
+from form_drake.weak.solve import Weights, weights
+
+PAIRS = 4  # of draws
+SURE = 4.0  # standard deviations
+LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
+ALONE = 0.3  # of that, from one window to the next
+
+
+def most(chance: float) -> float:
+    """What noise may leave of the square of whitened rows, more than which is no chance.
+
+    ``SURE`` standard deviations of a chi-square of as many rows as it leaves on average, and of that
+    average over draws.
+    """
+    return chance + SURE * float(np.sqrt(2.0 * chance * (1.0 + 1.0 / PAIRS)))
+
+
+def shaken(
+    data: Problem, twin: Problem, eta: np.ndarray, theta: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """What draws of the noise of data change of the rows b - A theta of a twin, and their opposites.
+
+    Those that would fold a body are left out.
+    """
+    rng, still, found = np.random.default_rng(0), rest_of(twin.rows(eta, theta), theta), []
+    for _ in range(PAIRS):
+        drawn = [probe.drawn(rng) for probe in data.probes]
+        one, other = (twin.disturbed(eta, drawn, sign) for sign in (1.0, -1.0))
+        if one is not None and other is not None:
+            found.append((rest_of(one, theta) - still, rest_of(other, theta) - still))
+    return found
+
+
+def layer_error(probe: Probe, dx: float) -> np.ndarray:
+    """Covariance of what a simulation has wrong of the layers at held faces, of all rows.
+
+    Seen in blocks of finite elements without any effect: it grows with the strain at the face, and
+    stays alike while that does.
+    """
+    total = np.zeros((len(probe.keep),) * 2)
+    points = sum(len(f.points) for f in probe.fields if isinstance(f, HeldFields))
+    if points:
+        strain = probe.motion.F[:, -points:] - np.eye(3)
+        size = np.sqrt(np.mean(np.sum(strain**2, axis=(2, 3)), axis=1))
+        error = LAYER * dx * STIFFNESS * (probe.windows.chi @ size)
+        rows = np.flatnonzero(held(probe.fields, probe.windows)).reshape(len(error), -1)
+        for own in rows.T:
+            total[np.ix_(own, own)] = np.outer(error, error) + ALONE**2 * np.diag(error**2)
+    return total[np.ix_(probe.keep, probe.keep)]
+
+
+def weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
+    """Inverse covariance of noise, and of what simulations have wrong at held faces."""
+    noise = problem.noise(*problem.coordinates(model.values))
+    pairs = zip(noise, twin.probes, scenes.dx, strict=True)
+    noise = [n + layer_error(p, dx) for n, p, dx in pairs]
+    return weights(noise, np.ones(sum(map(len, noise))), 0.0)
