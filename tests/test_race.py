@@ -234,10 +234,10 @@ def test_what_scores_as_much_below_its_threshold_is_a_rival_too():
     match = SimpleNamespace(excess_left=100.0)
     ranked = (best.score, like, near, far)
     found = verdict.Found(match, ranked, (best.score,))
-    judged = verdict._judged(found, best, [best], [])
+    judged = verdict._judged(found, best, [])
     assert (judged.alike, judged.rivals) == (("relaxation",), ("damping",))
     strong = replace(found, match=SimpleNamespace(excess_left=400.0))  # simulated, it takes 317
-    assert verdict._judged(strong, best, [best], []).rivals == ()
+    assert verdict._judged(strong, best, []).rivals == ()
 
 
 def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
@@ -248,3 +248,20 @@ def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
     most = 100.0 + 4.0 * np.sqrt(250.0)  # chi-square of 100 rows, and the mean of four draws of it
     assert left(0.99 * most) and not left(1.01 * most)
     assert left(most + 40.0, doubt=50.0) and not left(most + 60.0, doubt=50.0)
+
+
+def test_a_finer_grid_tells_those_apart_that_have_come_as_near(monkeypatch):
+    """The race's own grid is too coarse to tell a mass inside from a sensor's gain."""
+    gain, mass = runner("force-gain", 21.0, 20.0), runner("added-mass", 25.0, 24.0)
+    mass.matched = lambda: SimpleNamespace(excess_left=5.0, worth=100.0)
+    found, after = added(monkeypatch, [gain, mass])
+    assert found.best.effect.id == "added-mass" and after.excess_left == 5.0
+    assert found.rivals == () and found.refused == ()
+
+    def breaks():
+        raise ValueError("it broke down")
+
+    mass.matched = breaks
+    assert added(monkeypatch, [gain, mass])[0].best.effect.id == "force-gain"
+    with pytest.raises(ValueError, match="it broke down"):
+        added(monkeypatch, [mass])

@@ -164,23 +164,59 @@ def _added(
         return replace(found, best=found.seen[0]), None
     runners, refused, first = raced(found.match, found.seen, progress), list[str](), found.seen[0]
     odd = first.score - max(0.0, *(found.left - runner.left for runner in runners))
-    for runner in runners:
-        effect = runner.score.effect
-        wanted = found.wanted(effect, thresholds)
-        if found.left - runner.left > wanted:
-            progress(f"adding {effect.id}")
-            after = runner.matched()
-            explained, gain = found.left - runner.left, found.left - after.excess_left
-            if min(gain, after.worth) > wanted:  # by the weights before, and by its own
-                return _judged(found, runner, runners, refused), after
-            odd = max(odd, gain - after.worth, explained - gain)
-        refused.append(effect.id)
+    for equal in _ties(runners):
+        borne, beyond, failure = _refitted(found, equal, thresholds, progress)
+        refused += beyond
+        if borne:
+            (gain, best, after), *others = borne
+            rivals = [runner for less, runner, _ in others if less > gain - MARGIN]
+            return _judged(replace(found, refused=tuple(refused)), best, rivals), after
+        if failure is not None:
+            raise failure
+        odd = max(odd, *beyond.values())
     found = replace(found, refused=tuple(refused))
     chance = odd <= found.wanted(first.effect, thresholds)
     return (found if chance else replace(found, best=first)), None
 
 
-def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequence[str]) -> Found:
+def _refitted(
+    found: Found,
+    runners: Sequence[Runner],
+    thresholds: Mapping[str, float],
+    progress: Callable[[str], None],
+) -> tuple[list[tuple[float, Runner, Match]], dict[str, float], ValueError | None]:
+    """Gains and twins, on a finer grid, of those that explain what they must, the largest gain first.
+
+    Of the others by id, how much more they have seemed to explain; and why one could not be simulated.
+    """
+    borne, beyond, failure = list[tuple[float, Runner, Match]](), dict[str, float](), None
+    for runner in runners:
+        effect, explained = runner.score.effect, found.left - runner.left
+        wanted = found.wanted(effect, thresholds)
+        if explained <= wanted:
+            beyond[effect.id] = 0.0
+            continue
+        progress(f"adding {effect.id}")
+        try:
+            after = runner.matched()
+        except ValueError as error:
+            failure = error
+            continue
+        gain = found.left - after.excess_left
+        if min(gain, after.worth) > wanted:  # by the weights before, and by its own
+            borne.append((gain, runner, after))
+        else:
+            beyond[effect.id] = max(gain - after.worth, explained - gain)
+    return sorted(borne, key=lambda one: -one[0]), beyond, failure
+
+
+def _ties(runners: Sequence[Runner]) -> list[list[Runner]]:
+    """Those that have come as near as the nearest, whom a finer grid tells apart; then one by one."""
+    near = [r for r in runners if r.apart < runners[0].apart + MARGIN]
+    return [near, *([r] for r in runners[len(near) :])]
+
+
+def _judged(found: Found, best: Runner, equal: Sequence[Runner]) -> Found:
     """With what is alike and what does as well.
 
     Next to a threshold chance decides which of two effects is above it: what was not simulated and
@@ -192,12 +228,6 @@ def _judged(found: Found, best: Runner, runners: Sequence[Runner], refused: Sequ
     others = {s.effect.id: s for s in (*found.seen, *near) if s.effect is not own.effect}
     like = coherence([own, *others.values()])[0, 1:]
     alike = [name for name, c in zip(others, like, strict=True) if c > ALIKE]
-    rivals = [
-        r.score.effect.id
-        for r in runners
-        if r is not best and r.apart < best.apart + MARGIN and r.score.effect.id not in refused
-    ]
-    rivals = [name for name in (*rivals, *(s.effect.id for s in near)) if name not in alike]
-    return replace(
-        found, best=own, alike=tuple(alike), rivals=tuple(rivals), refused=tuple(refused)
-    )
+    rivals = [s.effect.id for s in (*(r.score for r in equal), *near)]
+    rivals = [name for name in rivals if name not in alike]
+    return replace(found, best=own, alike=tuple(alike), rivals=tuple(rivals))
