@@ -19,7 +19,7 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
-from form_drake.diagnose.verdict import WRONG
+from form_drake.diagnose.verdict import WRONG, Naming
 from form_drake.diagnose.verify import Channel, Check, Predicted
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
@@ -452,3 +452,41 @@ def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys
         assert felt == {"plate": largest} and "far enough" in capsys.readouterr().err
     assert main(["diagnose", path, "--out", out, "--force", "scales"]) == 2
     assert "no force comes from scales; the recording has" in capsys.readouterr().err
+
+
+def test_held_out_motion_is_refused_if_its_recording_is_bad_and_refuses_if_its_prediction_is(
+    monkeypatch,
+):
+    """A model without effects has simulated the scene of whatever fails with them."""
+    own = SimpleNamespace(values={})
+    passes = (SimpleNamespace(match=SimpleNamespace(model=own), alike=()),)
+    found = Naming(passes, SimpleNamespace(told=own), (Cause(CATALOGUE["drag"], 2.0, {}),), "named")
+    read_as = SimpleNamespace(probes=[SimpleNamespace(body=SimpleNamespace(density=1000.0))])
+    for name, made in (("read", (read_as, own)), ("named", found)):
+        monkeypatch.setattr(f"form_drake.diagnose.diagnosis.{name}", lambda *a, made=made: made)
+
+    def fails(*arguments):
+        raise ValueError("it broke down")
+
+    def told():
+        return diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[PROBE], dx=DX)
+
+    monkeypatch.setattr(Check, "of", fails)
+    with pytest.raises(ValueError, match="it broke down"):
+        told()
+    monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(predicted=fails))
+    assert told().verdict == "unnamed"
+    assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
+
+
+def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch):
+    def fails(*arguments):
+        raise ValueError("too few points")
+
+    monkeypatch.setattr("form_drake.diagnose.verify.problem_of", fails)
+    monkeypatch.setattr(
+        "form_drake.diagnose.verify._predicted", lambda problem, *a: Predicted((), (), problem)
+    )
+    fitted = SimpleNamespace(problem=SimpleNamespace(unknowns=None))
+    check = Check.of(Scenes.of((PROBE,), DX), fitted)
+    assert check.unread == "too few points" and check.bears_out(check.before)

@@ -104,6 +104,8 @@ class Diagnosis:
             closed = f"{100.0 * c.closure:6.0f} %" if c.counts else "       -"
             numbers = " ".join(f"{v:10.3g}" for v in (c.before, c.after, c.floor))
             lines.append(f"{c.name:24} {numbers} {closed} {c.unit}")
+        if self.check and self.check.unread:
+            lines.append(f"the balance of held-out motion is not compared: {self.check.unread}")
         for p in self.placebos:
             closed = ", ".join(f"{100.0 * c.closure:.0f} %" for c in p.channels if c.counts)
             lines.append(f"placebo {p.effect.id} closes {closed or 'what is too small to tell'}")
@@ -184,7 +186,8 @@ def diagnosed(
         progress: hears what is done.
 
     Raises:
-        ValueError: recordings without force, or that do not state what is needed.
+        ValueError: recordings without force, or that do not state what is needed, those that are held
+            back among them.
     """
     if not any(r.forces for r in recordings):
         raise ValueError(
@@ -202,8 +205,8 @@ def diagnosed(
     if not holdout or not naming.added:
         return told
     progress("predicting the held-out motion")
+    check = Check.of(Scenes.of(tuple(holdout), dx, device), naming.passes[0].match)
     try:
-        check = Check.of(Scenes.of(tuple(holdout), dx, device), naming.passes[0].match)
         told = replace(told, check=check, after=check.predicted(naming.match))
     except ValueError as error:
         failed = f"held-out motion as predicted: {error}"

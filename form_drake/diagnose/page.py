@@ -138,6 +138,8 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
             for c in found.channels
         ],
     )
+    if found.check is not None and found.check.unread:
+        page.paragraph(f"The balance of held-out motion is not compared: {found.check.unread}.")
     page.figure(gaps(found.channels), "Errors before and after.")
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")

@@ -6,7 +6,6 @@ sample by sample, which needs a gap above the noise of one; rows of the balance 
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -102,13 +101,15 @@ class Check:
 
     Attributes:
         scenes: of the recordings that were held back.
-        problem: they, read for the balance; None: there are too few points, or too noisy ones.
+        problem: they, read for the balance; None: they cannot be.
         before: predicted without the effects.
+        unread: why they cannot be; "": they are.
     """
 
     scenes: Scenes
     problem: Problem | None
     before: Predicted
+    unread: str = ""
 
     @classmethod
     def of(cls, scenes: Scenes, fitted: Match) -> "Check":
@@ -119,12 +120,14 @@ class Check:
             fitted: to the other recordings.
 
         Raises:
-            ValueError: a simulation fails.
+            ValueError: a recording does not state its scene, or a simulation fails.
         """
-        scenes, problem = replace(scenes, coarser=COARSER), None
-        with suppress(ValueError):
+        scenes, problem, unread = replace(scenes, coarser=COARSER), None, ""
+        try:
             problem = problem_of(scenes, fitted.problem.unknowns)
-        return cls(scenes, problem, _predicted(problem, scenes, fitted))
+        except ValueError as error:
+            unread = str(error)
+        return cls(scenes, problem, _predicted(problem, scenes, fitted), unread)
 
     @property
     def measured(self) -> tuple[Recording, ...]:
@@ -143,8 +146,8 @@ class Check:
         """Whether the rows change by as much as effects predict, and no more is left than may be.
 
         How much of the predicted change is there is known but for noise and what simulations of
-        effects have wrong. Half of it, or less, brings the rows no nearer. Too small a change is no
-        matter of them.
+        effects have wrong; half of it, or half as much again, is never right. Too small a change is
+        no matter of them.
         """
         if self.before.match is None or after.match is None:
             return True
