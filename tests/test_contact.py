@@ -7,8 +7,6 @@ from scipy.optimize import brentq
 from form_drake.diagnose import Model
 from form_drake.diagnose.prepare import probe
 from form_drake.laws import LAWS
-from form_drake.mpm.layer import RATE as RATE_TOLD
-from form_drake.mpm.layer import Layer
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
 from form_drake.weak.contact import OpenFields
@@ -80,19 +78,3 @@ def test_a_force_on_a_plate_that_is_off_is_seen_when_it_is():
     kept = read.keep.reshape(len(read.windows), -1)[:, -len(open_.names)]
     first = SECONDS * 0.8  # the plate is back where it began
     assert np.array_equal(kept, read.windows.ends[:, 1] > first) and 0 < kept.sum() < len(kept)
-
-
-def test_a_tied_layer_forgets_what_no_node_is_told():
-    """Signs that change from particle to particle, half a cell apart; what is even, or slopes, stays."""
-    n, dx = 20, 1e-3
-    places = 0.5 * dx * np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2)
-    layer = Layer.of(np.arange(n * n), places - 2e-3, dx)
-    signs = np.cos(np.pi * places.sum(axis=1) / (0.5 * dx))[:, None] * np.ones(3)
-    time = 3.0 / RATE_TOLD
-    middle = (np.abs(places - places.mean(axis=0)) < 1.6 * dx).all(axis=1)
-    left = np.abs(layer.told(signs, time))
-    assert left.max() < 0.2 and left[middle].max() < 0.06  # exp(-3) is 0.05
-    assert layer.told(np.ones((n * n, 3)), time) == pytest.approx(1.0)
-    slope = places[:, :1] * np.ones(3)
-    assert layer.told(slope, time)[middle] == pytest.approx(slope[middle], rel=1e-6)
-    assert layer.told(signs, 0.0) == pytest.approx(signs)

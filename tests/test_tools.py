@@ -206,7 +206,8 @@ def test_two_bodies_push_each_other():
     [
         (lambda: Tool("t", Solid.sphere(1.0), -0.1), "coefficient of at least 0"),
         (lambda: Tool("t", Solid.sphere(1.0), "glue"), "stick, tied and bonded"),
-        (lambda: Tool("t", Solid.sphere(1.0), "tied"), "only a half-space ties, not a sphere"),
+        (lambda: Tool("t", Solid.half_space(), "tied"), "tool t: only a plate ties"),
+        (lambda: Tool("t", Solid.sphere(1.0), plate=True), "a plate is a half-space, not a sphere"),
         (lambda: Solid.sphere(0.0), "positive"),
         (lambda: Solid("cone"), "choose one of"),
         (lambda: Solid.mesh(np.eye(3) * 100, [[0, 1, 2]], 1e-3), "larger spacing"),
@@ -221,9 +222,10 @@ def rested(contact, grip, gravity, below=0.0):
     """A block on a half-space after a third of a second of calming; how far it has gone [m], and the force."""
     body = block(np.array([0.0, 0.0, 0.5 * SIZE[2]]), SIZE, DX / 2, 1000.0)
     region = np.stack([body.x.min(0) - 0.02, body.x.max(0) + 0.02])
-    floor = Tool("floor", Solid.half_space(), contact)
+    floor = Tool("floor", Solid.half_space(), contact, plate=True)
     soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
-    scene = Scene([soft], [body], [floor], region=region, dx=DX, gravity=np.array(gravity))
+    over = {"gravity": np.array(gravity), "total": True}
+    scene = Scene([soft], [body], [floor], region=region, dx=DX, **over)
     still = Motions.at_rest(np.array([[0.0, 0.0, below]]))
     scene.tie(still)
     scene.simulation.tools.grip(0, grip)
@@ -261,31 +263,27 @@ def test_adhesion_bears_a_block_that_weighs_less(strength, holds):
 
 
 def test_an_impulse_where_a_tool_touches_is_taken_there():
-    """What friction gives to the material's angular momentum, the tool's moment loses, whatever the lever."""
-    for lever in (False, True):
-        body = block(np.array([0.04, 0.04, 0.02 + SIZE[2] / 2]), SIZE, DX / 2, 1000.0)
-        dt = 0.2 * stable_dt(LAWS["fixed-corotated"], SOFT, 1000.0, DX)
-        solver = Solver(dx=DX, nodes=(32, 16, 16), dt=dt, precision="float64", gravity=(0.0,) * 3)
-        tool = Tool("floor", Solid.half_space(), 0.4)
-        made = Simulation(solver, LAWS["fixed-corotated"], body, tools=[tool])
-        made.set_material(SOFT)
-        made.reset(body.x, np.tile([0.3, 0.0, -0.2], (len(body.x), 1)))
-        made.tools.move(Motions.at_rest(np.array([[0.0, 0.0, 0.0201]])))
-        made.tools.grip(0, Grip(0.4, lever=lever))
+    """What friction gives to the material's angular momentum, the tool's moment loses."""
+    body = block(np.array([0.04, 0.04, 0.02 + SIZE[2] / 2]), SIZE, DX / 2, 1000.0)
+    dt = 0.2 * stable_dt(LAWS["fixed-corotated"], SOFT, 1000.0, DX)
+    solver = Solver(dx=DX, nodes=(32, 16, 16), dt=dt, precision="float64", gravity=(0.0,) * 3)
+    tool = Tool("floor", Solid.half_space(), 0.4)
+    made = Simulation(solver, LAWS["fixed-corotated"], body, tools=[tool])
+    made.set_material(SOFT)
+    made.reset(body.x, np.tile([0.3, 0.0, -0.2], (len(body.x), 1)))
+    made.tools.move(Motions.at_rest(np.array([[0.0, 0.0, 0.0201]])))
 
-        def spin(state, mass=body.mass):
-            """Of particles and their affine motion, about the origin."""
-            own = np.cross(state.x, state.v) * mass[:, None]
-            D = DX**2 / 4.0
-            skew = np.stack(
-                [state.C[:, k - 1, k - 2] - state.C[:, k - 2, k - 1] for k in range(3)], 1
-            )
-            return (own + D * mass[:, None] * skew).sum(0)
+    def spin(state, mass=body.mass):
+        """Of particles and their affine motion, about the origin."""
+        own = np.cross(state.x, state.v) * mass[:, None]
+        D = DX**2 / 4.0
+        skew = np.stack([state.C[:, k - 1, k - 2] - state.C[:, k - 2, k - 1] for k in range(3)], 1)
+        return (own + D * mass[:, None] * skew).sum(0)
 
-        before = spin(made.state())
-        made.step(20)
-        gained, moment = spin(made.state()) - before, made.tools.impulses()[1][0]
-        # the tool's origin stands above that of the grid
-        moment = moment + np.cross([0.0, 0.0, 0.0201], made.tools.impulses()[0][0])
-        assert np.abs(moment).max() > 1e-6
-        assert gained == pytest.approx(-moment, rel=1e-6, abs=1e-12)
+    before = spin(made.state())
+    made.step(20)
+    gained, moment = spin(made.state()) - before, made.tools.impulses()[1][0]
+    # the tool's origin stands above that of the grid
+    moment = moment + np.cross([0.0, 0.0, 0.0201], made.tools.impulses()[0][0])
+    assert np.abs(moment).max() > 1e-6
+    assert gained == pytest.approx(-moment, rel=1e-6, abs=1e-12)

@@ -7,14 +7,13 @@ import numpy as np
 
 from form_drake.laws.memory import Memory
 from form_drake.material import Material
-from form_drake.mpm.layer import Layer
 from form_drake.mpm.model import Body, State
+from form_drake.mpm.plates import Face
 from form_drake.mpm.simulation import Simulation
 from form_drake.mpm.tools import Motions, Tool
 from form_drake.records.solver import Gradient, Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
-LAYER = 1.8  # of half a particle, within which particles are tied: the first layer, whatever its spacing
 EDGE = 3  # cells of the grid beyond the region that particles may visit
 
 
@@ -115,9 +114,7 @@ class Scene:
             total=total,
             device=device,
         )
-        self._layers: dict[int, Layer] = {}
-        held = ("tied", "bonded") if total else ("tied",)
-        self._untied = [tool.name for tool in tools if tool.contact in held]
+        self._untied = [t.name for t in tools if t.plate or (total and t.contact == "bonded")]
         for n, material in enumerate(materials):
             self.simulation.set_material(material.values, n)
 
@@ -126,27 +123,19 @@ class Scene:
         return self.simulation.tools.tools
 
     def tie(self, motions: Motions) -> None:
-        """Tie to each tied tool the particles that touch it while at rest, where ``motions`` has it.
+        """Say where tools are while the body is at rest: what they hold, and at which faces plates are.
 
-        Over the rest shape a bonded tool holds what lies inside it then.
+        Raises:
+            ValueError: a plate that does not lie along the grid.
         """
-        half = self.simulation.body.half
-        tied = np.zeros((len(self.tools), len(self.rest)), dtype=bool)
-        knots = np.zeros((*tied.shape, 3))
-        self._layers = {}
+        body, solver, faces = self.simulation.body, self.simulation.solver, dict[int, Face]()
         for n, tool in enumerate(self.tools):
-            if tool.contact == "tied":
-                local = (self.rest - motions.p_WT[n]) @ motions.R_WT[n]
+            if tool.plate:
                 normal = motions.R_WT[n][:, 2]
-                depth = np.linalg.norm(half * normal, axis=1)
-                tied[n] = tool.solid.distance(local) < LAYER * depth
-                to = half**2 * normal / depth[:, None]
-                knots[n] = local - to @ motions.R_WT[n]
-                own = np.flatnonzero(tied[n])
-                self._layers[n] = Layer.of(own, local[own, :2], self.simulation.solver.dx)
+                faces[n] = Face.of(body.x, body.half, solver.dx, solver.nodes, normal)
         self._untied = []
         still = replace(motions, p_WT=motions.p_WT - self.corner)
-        self.simulation.tools.tie(still, tied, knots)
+        self.simulation.tools.tie(still, faces)
 
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""
@@ -203,17 +192,8 @@ class Scene:
             simulation.tools.forget()
             simulation.advance(duration)
             forces[n], moment = (j / duration for j in simulation.tools.impulses())
-            self._settle(duration)
         state = simulation.state()
         return Snapshot(state, forces[-1], moment, state.x + self.corner), forces
-
-    def _settle(self, duration: float) -> None:
-        """Let what no node tells of the tied layers fade for a time [s]."""
-        if self._layers:
-            slip = self.simulation.tools.slip
-            for n, layer in self._layers.items():
-                slip[n, layer.tied] = layer.told(slip[n, layer.tied], duration)
-            self.simulation.tools.slip = slip
 
 
 def region_around(

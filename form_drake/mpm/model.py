@@ -61,6 +61,7 @@ class State:
         F: elastic deformation gradients [-], shape [particles, 3, 3].
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
         slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
+        face: see ``Plates.face``, [m], shape [tools, columns, 3].
         step: steps made so far.
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].
@@ -76,6 +77,7 @@ class State:
     F: np.ndarray
     tau: np.ndarray
     slip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    face: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     step: int = 0
     parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))

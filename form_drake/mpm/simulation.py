@@ -11,6 +11,8 @@ from form_drake.laws import Law, Values
 from form_drake.laws.kernels import lag, types, update
 from form_drake.laws.memory import Memory, remember, vectors
 from form_drake.mpm.boundary import Boundary
+from form_drake.mpm.eights import Eights
+from form_drake.mpm.held import Held
 from form_drake.mpm.model import CFL, Body, State, joined, spring, stable_dt
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
@@ -66,11 +68,14 @@ class Simulation:
             raise ValueError(f"{len(self.laws)} laws for {len(self.bodies)} bodies: one for each")
         if memories and any(law.flow != "elastic" for law in self.laws):
             raise ValueError(f"{self.laws[0].name} remembers: only elastic laws can")
+        if not total and any(tool.plate for tool in tools):
+            raise ValueError("plates are at a body over its rest shape alone")
         if total and solver.walls:
             raise ValueError("a grid over the rest shape meets no walls: take tools")
         self.body = joined(self.bodies)
         self._lags = total and any(t.unit == "Pa s" for law in self.laws for t in law.terms)
-        self.tools = Tools(tuple(tools), len(self.body.x), solver.precision, device, total)
+        own = len(self.body.x), solver.precision, device, solver.nodes
+        self.tools = Tools(tuple(tools), *own, total)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
         self._kernels = (
@@ -78,6 +83,7 @@ class Simulation:
             g2p(solver.gradient, solver.precision, total),
         )
         self._values: list[dict[str, float] | None] = [None] * len(self.bodies)
+        self._limits: dict[tuple[float, float], float] = {}  # the last one, by speed and share
         self._dt = 0.0
         self._held: State | None = None
         self._allocate()
@@ -116,8 +122,10 @@ class Simulation:
         self._constants = [wp.zeros(2, dtype=t.vec4, device=self.device) for _ in self.laws]
         self._springs = [wp.zeros(2, dtype=t.real, device=self.device) for _ in self.laws]
         self._damping = wp.zeros(1, dtype=t.real, device=self.device)
-        self._clock = wp.zeros(1, dtype=t.vec4, device=self.device)
-        self._fault = wp.full(2, -1, dtype=int, device=self.device)
+        self._time = Held(wp.zeros(1, dtype=t.vec4, device=self.device))
+        self._clock = self._time.array
+        self._faults = Held(wp.full(2, -1, dtype=int, device=self.device))
+        self._fault = self._faults.array
         self._steps = wp.zeros(1, dtype=int, device=self.device)
         self._project = wp.ones(1, dtype=int, device=self.device)
         nodes = solver.nodes
@@ -131,10 +139,15 @@ class Simulation:
         if self.total:  # moves freely
             self._low, self._high = t.vec3(*([-FAR] * 3)), t.vec3(*([FAR] * 3))
         self._boundary = Boundary(solver, self.device)
+        self._eights = None
+        single = solver.precision == "float32" and solver.gradient == "mls"
+        if self.total and single and wp.get_device(self.device).is_cpu:
+            own = self.body.x, self.body.mass, np.broadcast_to(volume, n)
+            self._eights = Eights.of(*own, solver.dx, nodes)
 
     def _set_dt(self, dt: float) -> None:
         self._dt = dt
-        self._clock.assign(np.array([[dt, *self.solver.gravity]], dtype=self._dtype))
+        self._time.write([dt, *self.solver.gravity])
 
     def set_material(self, values: Values, body: int = 0) -> None:
         """Give every parameter of a body's law a value (SI units)."""
@@ -142,7 +155,7 @@ class Simulation:
         missing = [k for k in law.keys if k not in values]
         if missing:
             raise ValueError(f"{law.name} needs a value for {', '.join(missing)}")
-        self._values[body] = dict(values)
+        self._values[body], self._limits = dict(values), {}
         self._theta[body].assign(law.theta(values).astype(self._dtype))
         vectors = np.stack([law.shape_vector(values), law.radius_vector(values)])
         self._constants[body].assign(vectors.astype(self._dtype))
@@ -170,8 +183,7 @@ class Simulation:
         if self.memories:
             self._write(parts=np.tile(F, (len(self.memories), 1, 1, 1)))
             self._plastic.zero_()
-        self.tools.slip = np.zeros((len(self.tools.tools), n, 3))
-        self.tools.forget()
+        self.tools.release()
         self._steps.zero_()
         self._fault.fill_(-1)
         self._project.zero_()
@@ -196,6 +208,8 @@ class Simulation:
         """Snapshot of everything that the next step reads; its arrays are not written again."""
         if self._held is None:
             arrays = {k: getattr(self, "_" + k).numpy().copy() for k in self._kept}
+            if self.tools.plates is not None:
+                arrays["face"] = self.tools.plates.face
             self._held = State(**arrays, slip=self.tools.slip, step=int(self._steps.numpy()[0]))
         return self._held
 
@@ -206,6 +220,8 @@ class Simulation:
         self._write(**{k: getattr(state, k) for k in self._kept})
         if state.slip.size:
             self.tools.slip = state.slip
+        if self.tools.plates is not None:
+            self.tools.plates.face = state.face
         self._steps.fill_(state.step)
         self._fault.fill_(-1)
         self._held = state
@@ -251,26 +267,40 @@ class Simulation:
 
     def _launch_step(self) -> None:
         n, dx = len(self.body.x), self._t.real(self.solver.dx)
-        scatter, gather = self._kernels
-        self._grid.zero_()
         if self.tools.tools:
             self._launch(
                 decay(self.solver.precision), n, [self._clock, self._damping, self._v, self._C]
             )
             moved = [self._x, self._v, self._C, self._T]
             self.tools.push(self._clock, dx, *moved, self._mass, self._half)
+        self._scatter(dx)
+        self._boundary.step(self._grid, self._clock, self._steps)
+        if self.tools.tools:
+            self.tools.hold(self._clock, dx, self._nodes, self._grid)
+        self._gather(dx)
+        self._launch_update()
+
+    def _scatter(self, dx) -> None:
+        n, scatter = len(self.body.x), self._kernels[0]
+        if self._eights is not None:
+            own = [self._v, self._C, self._tau, self._T]
+            self._eights.scatter(self._grid, *own, self._clock, dx, self._nodes)
+            return
+        self._grid.zero_()
         if self.total:
             self._launch(pulled(self.solver.precision), n, [self._tau, self._T, self._flux])
         particles = [self._place, self._v, self._C, self._flux, self._mass, self._volume]
         self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
-        self._boundary.step(self._grid, self._clock, self._steps)
-        if self.tools.tools:
-            self.tools.hold(self._clock, dx, self._nodes, self._grid)
+
+    def _gather(self, dx) -> None:
+        n, gather = len(self.body.x), self._kernels[1]
+        domain = [self._grid, self._clock, dx, self._nodes, self._low, self._high]
+        moved = [self._x, self._v, self._C, self._L, self._F, self._T, self._fault, self._steps]
+        if self._eights is not None:
+            self._eights.gather(*domain, *moved)
+            return
         held = self.solver.margin is not None
-        domain = [self._grid, self._clock, dx, self._nodes, self._low, self._high, held]
-        moved = [self._x, self._v, self._C, self._L, self._F, self._T]
-        self._launch(gather, n, [*domain, self._place, *moved, self._fault, self._steps])
-        self._launch_update()
+        self._launch(gather, n, [*domain, held, self._place, *moved])
 
     def _recorded(self, steps: int):
         """Graph of some steps; every kernel is loaded before recording starts."""
@@ -300,7 +330,7 @@ class Simulation:
         self._check()
 
     def _check(self) -> None:
-        particle, step = (int(i) for i in self._fault.numpy())
+        particle, step = (int(i) for i in self._faults.read())
         if particle < 0:
             return
         limit = self._stable_dt(cfl=1.0)
@@ -316,7 +346,8 @@ class Simulation:
         """Advance by a time [s], in steps of the solver's dt or else within the stability limit.
 
         The limit is found anew after every 20 steps, from the speeds then and what gravity can add
-        to them in 20 steps; steps in between are equal, and the last one ends on the duration.
+        to them in 20 steps; steps in between are equal, and the last one ends on the duration. On a
+        grid over the rest shape, which no particle crosses, speeds do not count.
         """
         if not 0.0 <= duration < math.inf:
             raise ValueError(f"duration {duration} s: a finite one of at least 0 is wanted")
@@ -329,19 +360,32 @@ class Simulation:
             self.step(steps)
             return
         while duration > 0.0:
-            steps = int(np.ceil(duration / self._limit()))
+            limit = self._stable_dt() if self.total else self._limit()
+            steps = int(np.ceil(duration / limit))
+            most = steps if self.total else GRAPH_STEPS
             self._set_dt(duration / steps)
-            self.step(min(steps, GRAPH_STEPS))
-            duration = (steps - GRAPH_STEPS) * self._dt
+            self.step(min(steps, most))
+            duration = (steps - most) * self._dt
 
     def _stable_dt(self, speed: float = 0.0, cfl: float = CFL) -> float:
         """The smallest ``stable_dt`` of the bodies [s]."""
-        dx = self.solver.dx
-        parts = zip(self.laws, self._values, self.bodies, strict=True)
-        return min(
-            stable_dt(law, v, float(np.min(body.density)), dx, speed, cfl, lagging=self._lags)
-            for law, v, body in parts
-        )
+        if (speed, cfl) not in self._limits:
+            parts = zip(self.laws, self._values, self.bodies, strict=True)
+            self._limits = {
+                (speed, cfl): min(
+                    stable_dt(
+                        law,
+                        values,
+                        float(np.min(body.density)),
+                        self.solver.dx,
+                        speed,
+                        cfl,
+                        lagging=self._lags,
+                    )
+                    for law, values, body in parts
+                )
+            }
+        return self._limits[speed, cfl]
 
     def _limit(self) -> float:
         """Time step [s] that stays stable while gravity acts for ``GRAPH_STEPS`` steps."""

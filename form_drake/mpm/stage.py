@@ -215,7 +215,7 @@ class _Play:
         tools = self.scene.simulation.tools
         for n, (tool, path) in enumerate(zip(self.scene.tools, self.paths, strict=True)):
             if tool.contact != "tied":
-                tools.grip(n, Grip(friction, adhesion, lever=True))
+                tools.grip(n, Grip(friction, adhesion))
             elif path.tool not in self.recording.forces:
                 tools.grip(n, Grip(compliance=slipping))
 
@@ -316,4 +316,5 @@ def _tool(face: Face) -> Tool:
         face.tool or "face",
         Solid.half_space(),
         "tied" if face.condition == "bonded" else 0.0,
+        plate=True,
     )

@@ -5,19 +5,17 @@ into the tool by a depth gets the velocity change beta depth / dt - u_n along th
 where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
 gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
 bonded tool prescribes the velocity of the grid nodes inside it (on a grid over the rest shape, of those
-that it held at rest); a tied one holds the particles that are tied to it where they were tied, whichever
-nodes it meets on its way. Every impulse given to the material is taken from the tool, so that momentum is
-kept to round-off.
+that it held at rest). Every impulse given to the material is taken from the tool, so that momentum is
+kept to round-off. Flat plates are others over the rest shape, see ``form_drake.mpm.plates``.
 
 Over the rest shape, a body may end at a bonded tool's flat face, half-way between two nodes. With the node
 inside at rest, the body would move at its face by half of what the node outside does, as if it were half a
 cell longer. So these two move oppositely about the tool: the face moves with it.
 
-Tied particles, and those under a grip with a lever, are held where they touch: at the end T H a of the
-particle, a = H T^T n / |H T^T n|, where H has half its edges on the diagonal and T is its deformation;
-the impulse there gives it an affine motion too. What bears a load needs no depth: depths add up (the
-integral term of a controller) until none is left. That has to be fast, and fade where a particle has
-left: what pushes late drives vibrations.
+There particles are boxes, pushed where they touch: at the end T H a of one, a = H T^T n / |H T^T n|, where
+H has half its edges on the diagonal and T is its deformation; the impulse there gives it an affine motion
+too. What bears a load needs no depth: depths add up (the integral term of a controller) until none is
+left. That has to be fast, and fade where a particle has left: what pushes late drives vibrations.
 """
 
 from functools import cache
@@ -33,10 +31,10 @@ BETA = 0.75
 HALFWAY = 0.01  # of a cell, by which a face may be off the middle between two nodes
 LEARN = 0.3  # share of its depth that a step adds to what pushes a particle at no depth
 FADE = 0.03  # share of that which a step takes from a particle that has left
-REACH = 2e-4  # [m] off a tool at which adhesion ends
 
 
-def _give(precision: str):
+@cache
+def impulse(precision: str):
     """Warp function that takes an impulse j at r from tool n."""
     t = types(precision)
 
@@ -49,33 +47,18 @@ def _give(precision: str):
     return give
 
 
-def _box(precision: str):
-    """Warp functions of a particle's box, of half edges h: area across, and end along a direction at rest."""
-    t = types(precision)
-
-    @wp.func
-    def section(h: t.vec3, a: t.vec3):
-        return t.real(4.0) * h[0] * h[1] * h[2] / wp.length(wp.cw_mul(h, wp.normalize(a)))
-
-    @wp.func
-    def end(h: t.vec3, a: t.vec3):
-        return wp.cw_mul(h, wp.normalize(wp.cw_mul(h, a)))
-
-    return section, end
-
-
 @cache
 def contact(precision: str, total: bool = False):
     """Kernel of the impulses between the particles and one tool."""
     t = types(precision)
     real, vec3 = t.real, t.vec3
-    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
-    section, end = _box(precision)
+    far, Struct, give = distance(precision), solid_type(precision), impulse(precision)
     beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
     fade = wp.constant(real(1.0 - FADE))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
+        many: int,
         n: int,
         solid: Struct,
         place: wp.array(dtype=vec3),
@@ -94,128 +77,55 @@ def contact(precision: str, total: bool = False):
         slip: wp.array2d(dtype=vec3),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
-        p = wp.tid()
-        r = x[p] - place[n]
-        near = far(solid, wp.transpose(turn[n]) * r)
-        grip = grips[n]
-        normal = turn[n] * vec3(near[0], near[1], near[2])
-        edge = half[p]
-        ahead = wp.cbrt(edge[0] * edge[1] * edge[2])
-        if grip[3] > real(0.0):
-            ahead = wp.length(wp.cw_mul(edge, wp.transpose(T[p]) * normal))
-        depth = ahead - near[3]
-        dt = clock[0][0]
-        reach = real(0.0)
-        if grip[1] > real(0.0):
-            reach = real(REACH)
-        gone = slip[n, p]
-        borne = real(0.0)
-        if grip[3] > real(0.0):
-            borne = wp.max(wp.dot(normal, gone) + learn * depth, real(0.0))
-            if depth < real(0.0):
-                borne = fade * borne
-        if depth + borne <= -reach or dt <= real(0.0):
-            slip[n, p] = vec3()
-            return
-        u = v[p] - speed[n] - wp.cross(spin[n], r)
-        along = wp.dot(normal, u)
-        push = beta * (depth + borne) / dt - along
-        pull = real(0.0)
-        if reach > real(0.0):
-            whole = section(edge, wp.transpose(T[p]) * normal) * grip[1] * dt / mass[p]
-            pull = whole * wp.min(real(1.0) + depth / reach, real(1.0))
-        if push <= real(0.0):
-            slip[n, p] = borne * normal
-            if pull > real(0.0):
-                pulled = wp.max(push, -pull) * normal
-                v[p] = v[p] + pulled
-                give(taken, n, r, -mass[p] * pulled)
-            return
-        sliding = u - along * normal
-        gone = gone - wp.dot(normal, gone) * normal + dt * sliding
-        wanted = sliding + (beta / dt) * gone
-        size = wp.length(wanted)
-        share = real(1.0)
-        friction = grip[0]
-        if friction >= real(0.0) and size > friction * push:
-            share = friction * push / size
-        slip[n, p] = share * gone + borne * normal
-        change = push * normal - share * wanted
-        v[p] = v[p] + change
-        # the affine motion that an impulse off the middle of a particle amounts to
-        arm = vec3()
-        lever = vec3()
-        if grip[3] > real(0.0):
-            arm = -ahead * normal
-            lever = arm
+        begin = many * wp.tid()
+        for p in range(begin, wp.min(begin + many, len(x))):
+            r = x[p] - place[n]
+            near = far(solid, wp.transpose(turn[n]) * r)
+            grip = grips[n]
+            normal = turn[n] * vec3(near[0], near[1], near[2])
+            edge = half[p]
+            ahead = real(0.0)
             if wp.static(total):
-                lever = -end(edge, wp.transpose(T[p]) * normal)
-        C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * lever)
-        give(taken, n, r + arm, -mass[p] * change)
-
-    return kernel
-
-
-@cache
-def tie(precision: str, total: bool = False):
-    """Kernel that holds the faces of the particles that are tied to one tool where they were tied.
-
-    They may be tied by a layer that shears.
-    """
-    t = types(precision)
-    real, vec3, give = t.real, t.vec3, _give(precision)
-    section, end = _box(precision)
-    beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def kernel(
-        n: int,
-        place: wp.array(dtype=vec3),
-        turn: wp.array(dtype=t.mat),
-        speed: wp.array(dtype=vec3),
-        spin: wp.array(dtype=vec3),
-        clock: wp.array(dtype=t.vec4),
-        grips: wp.array(dtype=t.vec4),
-        tied: wp.array2d(dtype=wp.bool),
-        knot: wp.array2d(dtype=vec3),
-        dx: real,
-        x: wp.array(dtype=vec3),
-        v: wp.array(dtype=vec3),
-        C: wp.array(dtype=t.mat),
-        T: wp.array(dtype=t.mat),
-        mass: wp.array(dtype=real),
-        half: wp.array(dtype=vec3),
-        slip: wp.array2d(dtype=vec3),
-        taken: wp.array2d(dtype=wp.vec3d),
-    ):
-        p = wp.tid()
-        dt = clock[0][0]
-        if not tied[n, p] or dt <= real(0.0):
-            return
-        r = x[p] - place[n]
-        normal = turn[n] * vec3(real(0.0), real(0.0), real(1.0))
-        edge = half[p]
-        back = wp.transpose(T[p]) * normal
-        lever = -end(edge, back)
-        arm = T[p] * lever
-        if wp.static(not total):
-            lever = arm
-        gone = r + arm - turn[n] * knot[n, p]
-        u = v[p] - speed[n] - wp.cross(spin[n], r)
-        # the layer bears along the surface what a depth of its slip / soft would
-        soft = beta * grips[n][2] * mass[p] / (section(edge, back) * dt * dt)
-        stiff = real(1.0) / (real(1.0) + soft)
-        across = wp.dot(normal, gone) * normal
-        along = stiff * (gone - across)
-        borne = slip[n, p] + learn * (across + along)
-        sideways = borne - wp.dot(normal, borne) * normal
-        borne = borne - (learn * soft / (real(1.0) + learn * soft)) * sideways
-        first = wp.dot(normal, u) * normal
-        wanted = first + stiff * (u - first) + (beta / dt) * (across + along + borne)
-        slip[n, p] = borne
-        v[p] = v[p] - wanted
-        C[p] = C[p] - wp.outer(wanted, real(4.0) / (dx * dx) * lever)
-        give(taken, n, r + arm, mass[p] * wanted)
+                ahead = wp.length(wp.cw_mul(edge, wp.transpose(T[p]) * normal))
+            else:
+                ahead = wp.cbrt(edge[0] * edge[1] * edge[2])
+            depth = ahead - near[3]
+            dt = clock[0][0]
+            gone = slip[n, p]
+            borne = real(0.0)
+            if wp.static(total):
+                borne = wp.max(wp.dot(normal, gone) + learn * depth, real(0.0))
+                if depth < real(0.0):
+                    borne = fade * borne
+            if depth + borne <= real(0.0) or dt <= real(0.0):
+                slip[n, p] = vec3()
+                continue
+            # the affine motion that an impulse off the middle of a particle amounts to
+            arm = vec3()
+            lever = vec3()
+            if wp.static(total):
+                back = wp.transpose(T[p]) * normal
+                arm = -ahead * normal
+                lever = -wp.cw_mul(edge, wp.normalize(wp.cw_mul(edge, back)))
+            u = v[p] - speed[n] - wp.cross(spin[n], r)
+            along = wp.dot(normal, u)
+            push = beta * (depth + borne) / dt - along
+            if push <= real(0.0):
+                slip[n, p] = borne * normal
+                continue
+            sliding = u - along * normal
+            gone = gone - wp.dot(normal, gone) * normal + dt * sliding
+            wanted = sliding + (beta / dt) * gone
+            size = wp.length(wanted)
+            share = real(1.0)
+            friction = grip[0]
+            if friction >= real(0.0) and size > friction * push:
+                share = friction * push / size
+            slip[n, p] = share * gone + borne * normal
+            change = push * normal - share * wanted
+            v[p] = v[p] + change
+            C[p] = C[p] + wp.outer(change, real(4.0) / (dx * dx) * lever)
+            give(taken, n, r + arm, -mass[p] * change)
 
     return kernel
 
@@ -249,7 +159,7 @@ def bond(precision: str, total: bool = False):
     """Kernel that moves the nodes inside one tool with it, or those that were inside it at rest."""
     t = types(precision)
     real, vec3 = t.real, t.vec3
-    far, Struct, give = distance(precision), solid_type(precision), _give(precision)
+    far, Struct, give = distance(precision), solid_type(precision), impulse(precision)
     across = _across(precision)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -1,0 +1,154 @@
+"""Flat plates at the faces of a body over its rest shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from form_drake.laws import LAWS
+from form_drake.material import Material
+from form_drake.mpm.bodies import block
+from form_drake.mpm.exchange import Scene
+from form_drake.mpm.plates import Face
+from form_drake.mpm.solids import Solid
+from form_drake.mpm.tools import Motions, Tool
+
+DX, SIZE = 5e-3, np.array([0.02, 0.025, 0.03])
+SOFT = {"mu": 20e3, "lam": 30e3}
+DEVICES = ("cpu", pytest.param("cuda:0", marks=pytest.mark.gpu))
+
+
+def standing(
+    contact, *, grip=None, spacing=DX / 2, gravity=(0.0, 0.0, 0.0), device="cpu", **options
+):
+    """A block on a plate, and where the plate is."""
+    body = block(np.array([0.0, 0.0, 0.5 * SIZE[2]]), SIZE, spacing, 1000.0)
+    floor = Tool("floor", Solid.half_space(), contact, plate=True)
+    region = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]]) * SIZE
+    soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
+    still = {"gravity": np.array(gravity), "total": True, "device": device, **options}
+    scene = Scene([soft], [body], [floor], region=region, dx=DX, **still)
+    rest = Motions.at_rest(np.zeros(3))
+    scene.tie(rest)
+    if grip is not None:
+        scene.simulation.tools.grip(0, grip)
+    return scene, rest
+
+
+def thrown(scene, v):
+    """The block at rest in its shape, moving [m/s]."""
+    start, made = scene.start(), scene.simulation
+    made.reset(start.state.x, np.tile(v, (len(scene.rest), 1)))
+    return type(start)(made.state(), start.force, start.moment, start.p_WQ)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("contact", ["tied", 0.3])
+def test_what_a_plate_gives_it_is_given(contact, device):
+    """Momentum of the block and of the plate, to round-off; the plate turns and goes on."""
+    scene, rest = standing(contact, precision="float64", device=device)
+    begin, mass = thrown(scene, [0.4, 0.1, -0.3]), scene.simulation.body.mass
+    way = Motions(rest.p_WT, rest.R_WT, np.array([[0.0, 0.1, 0.05]]), np.array([[1.0, 2.0, 0.5]]))
+    end = scene.advance(begin, way, 0.01)
+    gained = mass @ (end.state.v - begin.state.v)
+    assert np.abs(gained).max() > 1e-4
+    assert gained == pytest.approx(-0.01 * end.force[0], rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("spacing", [DX / 2, DX / 3, DX / 4])
+def test_ends_of_particles_go_where_a_plate_goes(spacing):
+    """By a turn and a way, whatever the number of particles in a cell."""
+    scene, rest = standing("tied", spacing=spacing, precision="float64")
+    now, steps, dt = scene.start(), 40, 5e-4
+    turn = Rotation.from_rotvec([0.0, 0.02, 0.03])
+    R, p = rest.R_WT[0], np.zeros(3)
+    for _ in range(steps):
+        w = turn.as_rotvec() / (steps * dt)
+        way = Motions(p[None], R[None], np.array([[0.1, 0.0, 0.0]]), w[None])
+        now = scene.advance(now, way, dt)
+        R, p = Rotation.from_rotvec(w * dt).as_matrix() @ R, p + dt * way.v_WT[0]
+    layer = scene.rest[:, 2] < scene.rest[:, 2].min() + 1e-9
+    down = np.array([0.0, 0.0, -scene.simulation.body.half[0, 2]])
+    ends = now.p_WQ + now.state.T @ down
+    wanted = (scene.rest + down) @ R.T + p
+    assert np.abs(ends - wanted)[layer].max() < 1e-6
+
+
+def test_a_plate_gives_a_block_no_energy():
+    """A heavy block sways on what holds it for two dozen periods, each weaker than the one before."""
+    scene, rest = standing("tied", gravity=(9.81, 0.0, 0.0))
+    now, ways = scene.start(), []
+    for _ in range(900):
+        now = scene.advance(now, rest, 1e-3)
+        ways.append((now.p_WQ - scene.rest)[:, 0].mean())
+    swing = [np.ptp(part) for part in np.array_split(ways, 6)]
+    assert swing[0] > 5e-4 and np.all(np.diff(swing) < 1e-3 * swing[0])
+
+
+def test_longer_steps_press_as_shorter_ones(monkeypatch):
+    """Nothing is pushed by a depth: forces lag by no more than a step, a hundredth of this press."""
+    scene, _ = standing("tied")
+    half, found = Tool("plate", Solid.half_space(), plate=True), []
+    region = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]]) * SIZE
+    body = replace(scene.simulation.body, x=scene.rest)
+    soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
+    turn = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
+    for cfl in (0.4, 0.1):
+        both = [*scene.tools, half]
+        made = Scene([soft], [body], both, region=region, dx=DX, gravity=np.zeros(3), total=True)
+        limit = made.simulation._stable_dt(cfl=cfl)
+        monkeypatch.setattr(made.simulation, "_stable_dt", lambda limit=limit: limit)
+        now, dt, forces = made.start(), 1e-3, []
+        for n in range(60):
+            p = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, SIZE[2] - 0.03 * dt * n]])
+            v = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.03]])
+            way = Motions(p, turn, v, np.zeros((2, 3)))
+            if not n:
+                made.tie(way)
+                now = made.start()
+            now = made.advance(now, way, dt)
+            forces.append(now.force[1, 2])
+        found.append(np.array(forces))
+    assert np.abs(found[0] - found[1]).max() < 0.02 * found[1].max()
+    assert found[0].mean() == pytest.approx(found[1].mean(), rel=1e-2)
+
+
+def test_friction_slows_what_slides():
+    """By the coefficient times gravity."""
+    scene, rest = standing(0.2, gravity=(0.0, 0.0, -9.81))
+    now = scene.advance(scene.start(), rest, 0.2, 200.0)
+    state, mass = now.state, scene.simulation.body.mass
+    scene.simulation.restore(state)
+    scene.simulation._write(v=state.v + np.array([0.3, 0.0, 0.0]))
+    going = type(now)(scene.simulation.state(), now.force, now.moment, now.p_WQ)
+    later = scene.advance(going, rest, 0.1)
+    slowed = (mass @ (going.state.v - later.state.v))[0] / mass.sum()
+    assert slowed == pytest.approx(0.2 * 9.81 * 0.1, rel=0.03)
+
+
+def test_columns_share_out_a_face():
+    """Areas add up to the face, and what the columns do is what the ends of its particles do."""
+    body = block(np.array([0.04, 0.04, 0.05]), SIZE, DX / 2, 1000.0)
+    nodes = (20, 20, 20)
+    for normal, axis, side in (
+        (np.array([0.0, 0.0, 1.0]), 2, -1.0),
+        (np.array([-1.0, 0.0, 0.0]), 0, 1.0),
+    ):
+        face = Face.of(body.x, body.half, DX, nodes, normal)
+        across = [a for a in range(3) if a != axis]
+        assert face.area.sum() == pytest.approx(SIZE[across].prod(), rel=1e-12)
+        middle = np.array([0.04, 0.04, 0.05])
+        assert face.place[:, axis] == pytest.approx(middle[axis] + side * 0.5 * SIZE[axis])
+        x = DX * np.stack(np.unravel_index(face.node, nodes), axis=-1)
+        slope = np.array([0.3, -0.2, 0.5])
+        assert (x @ slope) @ face.share == pytest.approx(face.place @ slope, rel=1e-12)
+
+
+def test_a_plate_across_the_grid_is_refused():
+    scene, rest = standing("tied")
+    R = Rotation.from_rotvec([0.1, 0.0, 0.0]).as_matrix()[None]
+    with pytest.raises(ValueError, match="plates lie along the axes of the grid"):
+        scene.tie(Motions(rest.p_WT, R, rest.v_WT, rest.w_WT))
+    with pytest.raises(ValueError, match="over its rest shape alone"):
+        standing("tied", total=False)
