@@ -8,6 +8,7 @@ the one-dimensional spline. All functions are generic in the precision of their 
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 
@@ -47,3 +48,8 @@ def gradients(f: Any, inverse_dx: Any):
         g[1, axis] = f.dtype(-2.0) * (f[axis] - one) * inverse_dx
         g[2, axis] = (f[axis] - half) * inverse_dx
     return g
+
+
+def splines(f: np.ndarray) -> np.ndarray:
+    """Values of the three splines on the host, as a last axis, at ``f`` as of ``weights``."""
+    return np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], axis=-1)

@@ -11,10 +11,10 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from form_drake.basis import splines
 from form_drake.laws.kernels import types
 
 LANES = 8
-ROWS = 14  # of the table
 
 _FRAME = """
 #if defined(__clang__) && !defined(__CUDA_ARCH__)
@@ -192,7 +192,7 @@ class Eights:
         member = np.array([np.pad(own, (0, LANES - len(own)), mode="edge") for own in groups])
         once = np.arange(LANES) < np.array([[len(own)] for own in groups])
         f = x / dx - base
-        w = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], axis=2)
+        w = splines(f)
         own = [w.reshape(-1, 9), f, np.stack([mass, volume], axis=1)]
         table = np.concatenate(own, axis=1)[member].swapaxes(1, 2)
         table[:, 12:] *= once[:, None]

@@ -13,7 +13,9 @@ class Held:
 
     def __init__(self, array: wp.array):
         self.array = array
-        self._shared = array.numpy() if array.device.is_cpu else None
+        first = array.numpy()
+        self._like = first.shape, first.dtype
+        self._shared = first if array.device.is_cpu else None
 
     def read(self) -> np.ndarray:
         """The values, a copy."""
@@ -22,9 +24,7 @@ class Held:
     def write(self, value: np.ndarray | float) -> None:
         """Values in its own or a broadcast shape."""
         if self._shared is None:
-            own = wp.types.type_scalar_type(self.array.dtype)
-            dtype = wp.dtype_to_numpy(own)
-            shape = self.array.numpy().shape
+            shape, dtype = self._like
             self.array.assign(np.ascontiguousarray(np.broadcast_to(value, shape), dtype=dtype))
         else:
             self._shared[...] = value

@@ -19,6 +19,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from form_drake.basis import splines
 from form_drake.laws.kernels import types
 from form_drake.mpm.held import Held
 from form_drake.mpm.touch import impulse
@@ -94,7 +95,7 @@ def _splines(s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """First nodes at coordinates in cells, and the three splines there, as a last axis."""
     first = np.floor(np.asarray(s) - 0.5).astype(int)
     f = s - first
-    return first, np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], -1)
+    return first, splines(f)
 
 
 class Plates:
