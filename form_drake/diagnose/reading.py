@@ -60,14 +60,13 @@ class ProbeReading:
         return self.probe.gravity
 
     def stress(self, tau: np.ndarray) -> np.ndarray:
-        work = self._along.stress(tau[None], self.probe.windows.chi)
-        return self._kept(work[0])
+        return self._kept(self._along.stress(tau[None], self._chi)[0])
 
     def added(self, name: str, values: Values) -> np.ndarray:
         law = law_named(f"{self.law.name}+{name}")
         (key,) = [t.key for t in law.terms if t.key not in self.law.keys]
         whole = {**self.values, **values, key: 1.0}
-        return self.stress(self._stresses(law, whole, self._elastic)[-1])
+        return self._kept(self._along.work(law, self._elastic, whole, self._chi)[-1])
 
     def now(self) -> np.ndarray:
         return self.stretched(1.0)
@@ -99,16 +98,22 @@ class ProbeReading:
     def remembered(self, memory: Memory) -> np.ndarray:
         motion = self.motion
         part = remembered(motion.F, motion.time, memory)
-        return self.stress(self._law(part) - self._law(motion.F))
+        return self._work(part) - self.once("work", lambda: self._work(motion.F))
 
     def stretched(self, factor: float) -> np.ndarray:
         return self._law(factor * self._elastic)
 
     def _law(self, F: np.ndarray) -> np.ndarray:
         """Its Kirchhoff stress at elastic deformation gradients [Pa]."""
-        T = self._stresses(self.law, self.values, F)
+        motion = self.motion
+        T = unit_stresses(self.law, F, motion.L, self.values, motion.pressure)
         found: np.ndarray = np.tensordot(self.law.theta(self.values), T, axes=1)
         return found
+
+    def _work(self, F: np.ndarray) -> np.ndarray:
+        """What that does in the rows."""
+        work = self._along.work(self.law, F, self.values, self._chi)
+        return self._kept(np.tensordot(self.law.theta(self.values), work, axes=1))
 
     def load(self, per_mass: np.ndarray) -> np.ndarray:
         still = replace(self.motion, body_force=per_mass, v=0.0 * self.v, pressure=None)
@@ -170,12 +175,13 @@ class ProbeReading:
     def _along(self) -> Along:
         return self.probe.along(self.motion)
 
+    @property
+    def _chi(self) -> np.ndarray:
+        return self.probe.windows.chi
+
     def _kept(self, rows: np.ndarray) -> np.ndarray:
         found: np.ndarray = rows.reshape(-1)[self.probe.keep]
         return found
-
-    def _stresses(self, law: Law, values: Values, F: np.ndarray) -> np.ndarray:
-        return unit_stresses(law, F, self.motion.L, values, self.motion.pressure)
 
     def _masses(self, motion: Motion, gravity: np.ndarray) -> np.ndarray:
         """Weight and inertia, b of the balance without forces on tools [N m s]."""

@@ -1,5 +1,6 @@
 """A block between faces that move as recorded: what a recording states, simulated without a robot."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -23,8 +24,11 @@ from form_drake.records import Recording, Stream
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
 SETTLING = 0.15  # time [s] that the body is given to come to rest
+COMING = 0.5  # of it, in which tools come to where they begin: what yields remembers a sudden one
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 LEVELS = 8  # of stiffness across the edge of an inclusion
+
+_Way = tuple[np.ndarray, np.ndarray]  # places [m] and orientations, shapes [times, 3], [times, 3, 3]
 
 
 @dataclass(frozen=True)
@@ -180,7 +184,8 @@ class _Play:
         ends = np.concatenate([[0.0], *parts])
         snapshot = self._settled()
         frames, forces = [snapshot], [snapshot.force]
-        motions, steps = _motions(self.paths, ends), np.diff(ends)
+        steps = np.diff(ends)
+        motions = _motions([p.at(ends) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
             own = slice(first, last)
             snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own], self.world.drag)
@@ -194,8 +199,10 @@ class _Play:
     def _settled(self) -> Snapshot:
         """At rest among the tools, whatever relaxes having relaxed; none of them slips or sticks."""
         scene, world = self.scene, self.world
-        (still,) = _motions(self.paths, np.zeros(2))
-        scene.tie(still)
+        count = int(np.ceil(SETTLING / PERIOD))
+        share = np.clip(np.linspace(0.0, 1.0 / COMING, count + 1), 0.0, 1.0)
+        motions = _motions([p.coming(share) for p in self.paths], np.full(count, PERIOD))
+        scene.tie(motions[0])
         self._grip(0.0, 0.0, 0.0)
         snapshot = scene.start()
         if world.swelling:
@@ -204,8 +211,7 @@ class _Play:
             snapshot = replace(snapshot, state=replace(snapshot.state, F=F, parts=parts))
         relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
         scene.simulation.set_memories(relaxed)
-        count = int(np.ceil(SETTLING / PERIOD))
-        snapshot, _ = scene.follow(snapshot, [still] * count, np.full(count, PERIOD), CALM)
+        snapshot, _ = scene.follow(snapshot, motions, np.full(count, PERIOD), CALM)
         scene.simulation.set_memories(world.memories)
         self._grip(world.friction, world.adhesion, world.slipping)
         return snapshot
@@ -252,6 +258,7 @@ class _Path:
 
     Attributes:
         tool: its name; "" where it stands still.
+        face: middle of the face of the body in its rest shape [m], shape [3].
         p: place of the middle of the plane in the tool's frame [m], shape [3].
         R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
         place: of the tool by time [s]; None: it stands still.
@@ -259,6 +266,7 @@ class _Path:
     """
 
     tool: str
+    face: np.ndarray
     p: np.ndarray
     R: np.ndarray
     place: object
@@ -275,7 +283,7 @@ class _Path:
         R = np.stack([across, np.cross(inward, across), inward], axis=1)
         pose = recording.poses.get(face.tool)
         if pose is None:
-            return cls(face.tool, middle, R, None, None)
+            return cls(face.tool, middle, middle, R, None, None)
         X = np.asarray(pose.value, float)
         time = np.asarray(pose.time, float) - recording.time[0]
         first = X[0]
@@ -284,9 +292,14 @@ class _Path:
             p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
         turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
         place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
-        return cls(face.tool, p, first[:3, :3].T @ R, place, turn)
+        return cls(face.tool, middle, p, first[:3, :3].T @ R, place, turn)
 
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coming(self, share: np.ndarray) -> _Way:
+        """The same on the way from the rest shape to where it begins, at shares of that way."""
+        p, R = self.at(np.zeros(len(share)))
+        return self.face + share[:, None] * (p - self.face), R
+
+    def at(self, time: np.ndarray) -> _Way:
         """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""
         if self.place is None:
             shape = (len(time), 1)
@@ -295,11 +308,10 @@ class _Path:
         return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
 
 
-def _motions(paths: list[_Path], time: np.ndarray) -> list[Motions]:
-    """Places at all times [s] but the last, and velocities that lead to where the planes are next."""
-    ways = [p.at(time) for p in paths]
+def _motions(ways: Sequence[_Way], steps: np.ndarray) -> list[Motions]:
+    """Places of planes at all times but the last, and velocities that lead to where they are next."""
     p, R = (np.stack(a, axis=1) for a in zip(*ways, strict=True))
-    over = np.maximum(np.diff(time), 1e-300)[:, None, None]
+    over = np.maximum(steps, 1e-300)[:, None, None]
     turns = (R[1:] @ R[:-1].swapaxes(-1, -2)).reshape(-1, 3, 3)
     w = Rotation.from_matrix(turns).as_rotvec().reshape(p[1:].shape) / over
     return [Motions(*a) for a in zip(p[:-1], R[:-1], np.diff(p, axis=0) / over, w, strict=True)]

@@ -21,10 +21,12 @@ from typing import Protocol
 
 import numpy as np
 
+from form_drake.laws import Law, Values
 from form_drake.motion import Motion
 from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Fields
+from form_drake.weak.stress import gathered, unit_stresses
 
 KEPT = 2**24  # entries of the gradients at all times, up to which they are remembered
 TOGETHER = 2**17  # entries of the gradients that are found at once
@@ -104,6 +106,21 @@ class Along:
                 self._last[k] = Tk, np.concatenate(work, axis=1)
         return np.stack([self._last[k][1] for k in range(len(T))])
 
+    def work(self, law: Law, F: np.ndarray, values: Values, chi: np.ndarray) -> np.ndarray:
+        """Integrals of the stress of every term of a law, shape [terms, windows, fields].
+
+        Args:
+            law: the law.
+            F: elastic deformation gradients, shape [times, points, 3, 3].
+            values: constants of the law.
+            chi: the windows [s], shape [windows, times].
+        """
+        motion, fixed = self.motion, [f for f in self.families if isinstance(f, Fixed)]
+        if len(fixed) < len(self.families):
+            return self.stress(unit_stresses(law, F, motion.L, values, motion.pressure), chi)
+        met = gathered(law, F, motion, values, chi)
+        return np.concatenate([f.paired(met) for f in fixed], axis=2)
+
 
 def forces(motion: Motion, gravity: np.ndarray) -> np.ndarray:
     """Weight and body force of every point [N], shape [times, points, 3]."""
@@ -154,7 +171,11 @@ class Fixed:
         return _flat(sampled.value[0]), _flat(sampled.gradient[0])
 
     def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
-        found: np.ndarray = chi @ _flat(T @ _pull(self.motion)) @ self._tables[1].T
+        return self.paired((chi @ _flat(T @ _pull(self.motion))).reshape(len(chi), -1, 3, 3))
+
+    def paired(self, met: np.ndarray) -> np.ndarray:
+        """Sums of V T F^-T, shape [..., points, 3, 3], against the gradients, shape [..., fields]."""
+        found: np.ndarray = met.reshape(*met.shape[:-3], -1) @ self._tables[1].T
         return found
 
     @cached_property
@@ -183,8 +204,8 @@ class Fixed:
 class Held(Fixed):
     """How far faces have gone, in place of a balance."""
 
-    def stress(self, T: np.ndarray, chi: np.ndarray) -> np.ndarray:
-        return np.zeros((len(chi), len(self.fields.names)))
+    def paired(self, met: np.ndarray) -> np.ndarray:
+        return np.zeros((*met.shape[:-3], len(self.fields.names)))
 
     @cached_property
     def rest(self) -> Rest:

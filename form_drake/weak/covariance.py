@@ -80,33 +80,39 @@ class Past:
 
 
 def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
-    """Products of the rows of all windows, as of ``_window``.
+    """Products of the rows of all windows, as of ``_window``: by pairs of them where that is less."""
+    looks, many = max(len(pull) for pull, _ in windows), moments.series.shape[1]
+    common = looks**2 * (m + (many if len(moments.scale) > 1 else 0))
+    if common + looks * m**2 < many * m**2:
+        return _by_pair(windows, moments.scale, m)
+    return _by_moment(windows, moments.scale, m)
 
-    Where every moment is as large and looks are fewer than they, windows that share noise are paired;
-    else the moments are summed first.
-    """
-    most = max(len(pull) for pull, _ in windows)
-    if len(moments.scale) > 1 or 2 * m * moments.series.shape[1] <= most**2:
-        return _by_moment(windows, moments.scale, m)
-    pulls, slopes = (
-        np.stack([np.pad(a, [(0, most - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in own])
-        for own in zip(*windows, strict=True)
-    )
-    slopes = (slopes * moments.scale[0][:, None]).reshape(len(windows), most, -1, m)
-    sizes = np.sqrt(np.max(np.sum(pulls**2, axis=2), axis=1))
+
+def _by_pair(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
+    """Looks are summed first, for two windows at a time that share noise."""
+    scale = scale**2
+    slopes = [np.ascontiguousarray(own.swapaxes(0, 1)) for _, own in windows]
+    sizes = [_common(pull, scale, pull).max(axis=(1, 2), initial=0.0) for pull, _ in windows]
     total = np.zeros((len(windows), m, len(windows), m))
-    for w, (pull, own) in enumerate(zip(pulls, slopes, strict=True)):
-        common = pulls[w:] @ pull.T
-        share = np.abs(common).max(axis=(1, 2)) > SMALL * sizes[w] * sizes[w:]
-        near = np.flatnonzero(share)
-        if not len(near):
-            continue
-        left = common[near] @ own.reshape(most, -1)
-        theirs = slopes[w + near].reshape(len(near), -1, m).swapaxes(1, 2)
-        block = theirs @ left.reshape(len(near), -1, m)
-        total[w + near, :, w] = block
-        total[w, :, w + near] = block.swapaxes(1, 2)
+    for w, (pull, _) in enumerate(windows):
+        for v, (other, _) in enumerate(windows[: w + 1]):
+            common = _common(pull, scale, other)
+            share = np.abs(common).max(axis=(1, 2), initial=0.0)
+            if np.all(share <= SMALL * np.sqrt(sizes[w] * sizes[v])):
+                continue
+            theirs = (common @ slopes[v]).reshape(-1, m)
+            block = slopes[w].reshape(-1, m).T @ theirs
+            total[w, :, v] = block
+            total[v, :, w] = block.T
     return total.reshape(m * len(windows), -1)
+
+
+def _common(pull: np.ndarray, scale: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Covariance of two pulls in every function, shape [functions, looks, looks]."""
+    if len(scale) == 1:
+        return scale[0, :, None, None] * (pull @ other.T)
+    pairs = (pull[:, None] * other).reshape(-1, len(scale))
+    return (scale.T @ pairs.T).reshape(-1, len(pull), len(other))
 
 
 def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:

@@ -75,6 +75,46 @@ def response(law: Law):
 
 
 @cache
+def gathering(law: Law):
+    """Kernel: V T_k F^-T over the windows, added to out[k, window, point].
+
+    ``chi[time, n]`` is the share of a time in the window ``first[time] + n``; ``inverse`` is that of
+    the whole F. The pressure p [Pa] is the law's own where its array is empty.
+    """
+    make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
+    functions = tuple(term.response for term in law.terms)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        begin: int,
+        first: wp.array(dtype=int),
+        chi: wp.array2d(dtype=real),
+        F: wp.array2d(dtype=mat),
+        L: wp.array2d(dtype=mat),
+        inverse: wp.array2d(dtype=mat),
+        volume: wp.array(dtype=real),
+        kappa: real,
+        p: wp.array2d(dtype=real),
+        s: vec4,
+        out: wp.array3d(dtype=mat),
+    ):
+        i = begin + wp.tid()
+        for n in range(F.shape[0]):
+            q = make(F[n, i], measure(F[n, i]), L[n, i], kappa)
+            if p.shape[0] > 0:
+                q.p = p[n, i]
+            along = volume[i] * wp.transpose(inverse[n, i])
+            for k in range(wp.static(len(functions))):
+                met = wp.static(functions[k])(q, s) * along
+                for m in range(chi.shape[1]):
+                    share = chi[n, m]
+                    if share != real(0.0):
+                        out[k, first[n] + m, i] += share * met
+
+    return kernel
+
+
+@cache
 def history(law: Law):
     """Kernel (F[time, point], r) -> elastic F[time, point], from the stress-free state on.
 

@@ -114,11 +114,10 @@ class Probe:
             values: its constants.
             acting: which columns are wanted; the others are zero.
         """
-        T = self.stresses(law, values, along.motion)
-        T = T if acting.all() else T[acting]
-        work = along.stress(T, self.windows.chi)
+        elastic = self._elastic(law, values, along.motion)
+        work = along.work(law, elastic, values, self.windows.chi)[acting]
         A = np.zeros((len(self.keep), len(acting)))
-        A[:, acting] = np.moveaxis(work, 0, -1).reshape(-1, len(T))
+        A[:, acting] = np.moveaxis(work, 0, -1).reshape(len(A), -1)
         return A[self.keep]
 
     def rest(self, along: Along, push: dict[str, np.ndarray]) -> np.ndarray:
@@ -156,11 +155,6 @@ class Probe:
             for n in f.names
         ]
         return tuple(every[n] for n in np.flatnonzero(self.keep))
-
-    def stresses(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
-        """Kirchhoff stress per unit, shape [terms, times, points, 3, 3]."""
-        elastic = self._elastic(law, values, motion)
-        return unit_stresses(law, elastic, motion.L, values, motion.pressure)
 
     def _elastic(self, law: Law, values: Values, motion: Motion) -> np.ndarray:
         """Elastic deformation gradients along a motion; the last along its own are remembered."""

@@ -7,9 +7,11 @@ import warp as wp
 
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import responses, yield_measures
+from form_drake.motion import Motion
 from form_drake.weak.kernels import (
     DECOMPOSITION,
     PRECISION,
+    gathering,
     history,
     loaded,
     mat,
@@ -55,6 +57,56 @@ def unit_stresses(
 
     parted(part, len(F), ALONE)
     return found.reshape(len(found), *shape, 3, 3)
+
+
+def gathered(
+    law: Law, F: np.ndarray, motion: Motion, values: Values, chi: np.ndarray
+) -> np.ndarray:
+    """V T_k F^-T over windows [N m s per unit], with the stresses of every term.
+
+    Args:
+        law: whose terms.
+        F: elastic deformation gradients, shape [times, points, 3, 3].
+        motion: that they belong to.
+        values: the constants of the law.
+        chi: the windows [s], shape [windows, times].
+
+    Returns:
+        shape [terms, windows, points, 3, 3].
+    """
+    first, share = _banded(chi)
+    points, p = F.shape[1], motion.pressure
+    out = wp.zeros((len(law.terms), len(chi), points), dtype=mat, device="cpu")
+    inputs = [
+        wp.array(first, dtype=int, device="cpu"),
+        wp.array(share, dtype=real, device="cpu"),
+        *(matrices(a).reshape(F.shape[:2]) for a in (F, motion.L, motion.inverse)),
+        numbers(motion.volume),
+        real(values.get("kappa", 0.0)),
+        numbers(np.zeros(0) if p is None else p.ravel()).reshape((0, 0) if p is None else p.shape),
+        vec4(*law.shape_vector(values)),
+        out,
+    ]
+    kernel = loaded(gathering(law))
+
+    def part(own: slice) -> None:
+        size = own.stop - own.start
+        wp.launch(kernel, dim=size, inputs=[own.start, *inputs], device="cpu")
+
+    parted(part, points, 1 + ALONE // len(F))
+    found: np.ndarray = out.numpy()
+    return found
+
+
+def _banded(chi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first window of every time, and the shares of it and of those after it, shape [times, most]."""
+    acts = chi.T != 0.0
+    first = np.where(acts.any(axis=1), acts.argmax(axis=1), 0)
+    last = np.where(acts.any(axis=1), len(chi) - acts[:, ::-1].argmax(axis=1), 0)
+    count = max(1, int((last - first).max(initial=0)))
+    first = np.minimum(first, max(len(chi) - count, 0))
+    each = first[:, None] + np.arange(count)
+    return first.astype(np.int32), np.ascontiguousarray(np.take_along_axis(chi.T, each, axis=1))
 
 
 def elastic_part(law: Law, F: np.ndarray, r: np.ndarray) -> np.ndarray:
