@@ -105,7 +105,7 @@ def test_rows_carry_the_force_that_the_solver_scatters(name, gradient):
     for tau in (stressed.tau, np.zeros_like(stressed.tau)):
         sim.restore(replace(stressed, tau=tau))
         sim.step()
-        velocity_and_mass = sim._grid.numpy()
+        velocity_and_mass = sim.grid.values.numpy()
         momenta.append(velocity_and_mass[:, :3] * velocity_and_mass[:, 3:])
     scattered = (momenta[0] - momenta[1]) / sim.solver.dt
     mass = float(data["density"]) * data["volume"]

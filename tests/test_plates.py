@@ -100,8 +100,8 @@ def test_longer_steps_press_as_shorter_ones(monkeypatch):
     for cfl in (0.4, 0.1):
         both = [*scene.tools, half]
         made = Scene([soft], [body], both, region=region, dx=DX, gravity=np.zeros(3), total=True)
-        limit = made.simulation._stable_dt(cfl=cfl)
-        monkeypatch.setattr(made.simulation, "_stable_dt", lambda limit=limit: limit)
+        limit = made.simulation.pace.stable(cfl=cfl)
+        monkeypatch.setattr(made.simulation.pace, "stable", lambda limit=limit: limit)
         now, dt, forces = made.start(), 1e-3, []
         for n in range(60):
             p = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, SIZE[2] - 0.03 * dt * n]])

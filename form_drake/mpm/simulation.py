@@ -10,20 +10,17 @@ import warp as wp
 from form_drake.laws import Law, Values
 from form_drake.laws.kernels import lag, types, update
 from form_drake.laws.memory import Memory, remember, vectors
-from form_drake.mpm.boundary import Boundary
-from form_drake.mpm.eights import Eights
+from form_drake.mpm.grid import Grid
 from form_drake.mpm.held import Held
-from form_drake.mpm.model import CFL, Body, State, joined, spring, stable_dt
+from form_drake.mpm.model import Body, State, joined, spring, stable_dt
+from form_drake.mpm.pace import STEPS, Pace
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
-from form_drake.mpm.transfer import g2p, p2g, pulled
 from form_drake.records.solver import Solver
 
 __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
 
-GRAPH_STEPS = 20
 GRAPHS = (5, 1)  # steps that one launch makes: longer graphs take longer to record than they save
-FAR = 1e6  # [m]
 
 _capture_lock = threading.Lock()
 
@@ -78,12 +75,7 @@ class Simulation:
         self.tools = Tools(tuple(tools), *own, total)
         self._t = types(solver.precision)
         self._dtype = np.float32 if solver.precision == "float32" else np.float64
-        self._kernels = (
-            p2g(solver.gradient, solver.precision),
-            g2p(solver.gradient, solver.precision, total),
-        )
-        self._values: list[dict[str, float] | None] = [None] * len(self.bodies)
-        self._limits: dict[tuple[float, float], float] = {}  # the last one, by speed and share
+        self.pace = Pace(solver, self.laws, self.bodies, lagging=self._lags)
         self._dt = 0.0
         self._held: State | None = None
         self._allocate()
@@ -97,9 +89,8 @@ class Simulation:
 
     def _allocate(self) -> None:
         t, solver, n = self._t, self.solver, len(self.body.x)
-        volume = self.body.volume
         self._mass = self._array(self.body.mass, t.real)
-        self._volume = self._array(volume, t.real)
+        self.grid = Grid(solver, self.body, self._mass, self.total, self.device)
         self._half = self._array(self.body.half, t.vec3)
         self._x = self._array(self.body.x, t.vec3)
         self._v = wp.zeros_like(self._x)
@@ -110,10 +101,7 @@ class Simulation:
         self._tau = wp.zeros_like(self._C)
         self._felt = wp.zeros_like(self._L) if self._lags else self._L
         self._late = wp.zeros((2, n if self._lags else 0), dtype=t.mat, device=self.device)
-        self._place, self._T, self._flux = self._x, self._F, self._tau
-        if self.total:
-            self._place, self._T = wp.clone(self._x), wp.clone(self._F)
-            self._flux = wp.zeros_like(self._tau)
+        self._T = wp.clone(self._F) if self.total else self._F
         count = len(self.memories)
         self._parts = wp.zeros((count, n), dtype=t.mat, device=self.device)
         self._plastic = wp.zeros((count, n), dtype=t.real, device=self.device)
@@ -128,22 +116,6 @@ class Simulation:
         self._fault = self._faults.array
         self._steps = wp.zeros(1, dtype=int, device=self.device)
         self._project = wp.ones(1, dtype=int, device=self.device)
-        nodes = solver.nodes
-        self._nodes = wp.vec3i(*nodes)
-        self._grid = wp.zeros(nodes[0] * nodes[1] * nodes[2], dtype=t.vec4, device=self.device)
-        extent = np.array(nodes) * solver.dx
-        edge = solver.dx * (0.5 if solver.margin is None else solver.margin)
-        self._low, self._high = t.vec3(*([edge] * 3)), t.vec3(*(extent - edge))
-        if solver.margin is None:
-            self._high = t.vec3(*(extent - 1.5 * solver.dx))
-        if self.total:  # moves freely
-            self._low, self._high = t.vec3(*([-FAR] * 3)), t.vec3(*([FAR] * 3))
-        self._boundary = Boundary(solver, self.device)
-        self._eights = None
-        single = solver.precision == "float32" and solver.gradient == "mls"
-        if self.total and single and wp.get_device(self.device).is_cpu:
-            own = self.body.x, self.body.mass, np.broadcast_to(volume, n)
-            self._eights = Eights.of(*own, solver.dx, nodes)
 
     def _set_dt(self, dt: float) -> None:
         self._dt = dt
@@ -155,7 +127,7 @@ class Simulation:
         missing = [k for k in law.keys if k not in values]
         if missing:
             raise ValueError(f"{law.name} needs a value for {', '.join(missing)}")
-        self._values[body], self._limits = dict(values), {}
+        self.pace.set_material(values, body)
         self._theta[body].assign(law.theta(values).astype(self._dtype))
         vectors = np.stack([law.shape_vector(values), law.radius_vector(values)])
         self._constants[body].assign(vectors.astype(self._dtype))
@@ -267,40 +239,19 @@ class Simulation:
 
     def _launch_step(self) -> None:
         n, dx = len(self.body.x), self._t.real(self.solver.dx)
-        if self.tools.tools:
-            self._launch(
-                decay(self.solver.precision), n, [self._clock, self._damping, self._v, self._C]
-            )
+        grid, clock, tools = self.grid, self._clock, self.tools
+        if tools.tools:
+            calmed = [clock, self._damping, self._v, self._C]
+            self._launch(decay(self.solver.precision), n, calmed)
             moved = [self._x, self._v, self._C, self._T]
-            self.tools.push(self._clock, dx, *moved, self._mass, self._half)
-        self._scatter(dx)
-        self._boundary.step(self._grid, self._clock, self._steps)
-        if self.tools.tools:
-            self.tools.hold(self._clock, dx, self._nodes, self._grid)
-        self._gather(dx)
+            tools.push(clock, dx, *moved, self._mass, self._half)
+        grid.scatter(self._x, self._v, self._C, self._tau, self._T, clock)
+        grid.step(clock, self._steps)
+        if tools.tools:
+            tools.hold(clock, dx, grid.nodes, grid.values)
+        moved = [self._x, self._v, self._C, self._L, self._F, self._T]
+        grid.gather(*moved, self._fault, self._steps, clock)
         self._launch_update()
-
-    def _scatter(self, dx) -> None:
-        n, scatter = len(self.body.x), self._kernels[0]
-        if self._eights is not None:
-            own = [self._v, self._C, self._tau, self._T]
-            self._eights.scatter(self._grid, *own, self._clock, dx, self._nodes)
-            return
-        self._grid.zero_()
-        if self.total:
-            self._launch(pulled(self.solver.precision), n, [self._tau, self._T, self._flux])
-        particles = [self._place, self._v, self._C, self._flux, self._mass, self._volume]
-        self._launch(scatter, n, [*particles, self._clock, dx, self._nodes, self._grid])
-
-    def _gather(self, dx) -> None:
-        n, gather = len(self.body.x), self._kernels[1]
-        domain = [self._grid, self._clock, dx, self._nodes, self._low, self._high]
-        moved = [self._x, self._v, self._C, self._L, self._F, self._T, self._fault, self._steps]
-        if self._eights is not None:
-            self._eights.gather(*domain, *moved)
-            return
-        held = self.solver.margin is not None
-        self._launch(gather, n, [*domain, held, self._place, *moved])
 
     def _recorded(self, steps: int):
         """Graph of some steps; every kernel is loaded before recording starts."""
@@ -318,7 +269,7 @@ class Simulation:
             ValueError: there is no material, or no dt yet.
             BlowUp: a particle is not finite or left the domain.
         """
-        if None in self._values:
+        if not self.pace.known:
             raise ValueError("a body has no material yet: call set_material first")
         if steps and not self._dt:
             raise ValueError("the solver states no dt: use advance, which chooses one")
@@ -333,7 +284,7 @@ class Simulation:
         particle, step = (int(i) for i in self._faults.read())
         if particle < 0:
             return
-        limit = self._stable_dt(cfl=1.0)
+        limit = self.pace.stable(cfl=1.0)
         cause = "a wall is missing or the body is thrown out of the grid"
         if self._dt > limit:
             cause = f"the time step {self._dt:.3g} s exceeds the stability limit {limit:.3g} s"
@@ -360,41 +311,18 @@ class Simulation:
             self.step(steps)
             return
         while duration > 0.0:
-            limit = self._stable_dt() if self.total else self._limit()
+            limit = self.pace.stable() if self.total else self._limit()
             steps = int(np.ceil(duration / limit))
-            most = steps if self.total else GRAPH_STEPS
+            most = steps if self.total else STEPS
             self._set_dt(duration / steps)
             self.step(min(steps, most))
             duration = (steps - most) * self._dt
 
-    def _stable_dt(self, speed: float = 0.0, cfl: float = CFL) -> float:
-        """The smallest ``stable_dt`` of the bodies [s]."""
-        if (speed, cfl) not in self._limits:
-            parts = zip(self.laws, self._values, self.bodies, strict=True)
-            self._limits = {
-                (speed, cfl): min(
-                    stable_dt(
-                        law,
-                        values,
-                        float(np.min(body.density)),
-                        self.solver.dx,
-                        speed,
-                        cfl,
-                        lagging=self._lags,
-                    )
-                    for law, values, body in parts
-                )
-            }
-        return self._limits[speed, cfl]
-
     def _limit(self) -> float:
-        """Time step [s] that stays stable while gravity acts for ``GRAPH_STEPS`` steps."""
-        fastest = float(np.sqrt(np.max(np.sum(self._v.numpy() ** 2, axis=1), initial=0.0)))
-        dx, g = self.solver.dx, float(np.linalg.norm(self.solver.gravity))
-        limit = self._stable_dt(fastest)
-        # dt (CFL dx / limit + GRAPH_STEPS g dt) = CFL dx
-        gain = GRAPH_STEPS * g * limit**2 / (CFL * dx)
-        return 2.0 * limit / (1.0 + math.sqrt(1.0 + 4.0 * gain))
+        """Time step [s] that stays stable for ``STEPS`` steps from the speeds now."""
+        return self.pace.falling(
+            math.sqrt(np.max(np.sum(self._v.numpy() ** 2, axis=1), initial=0.0))
+        )
 
     def run(self, frames: Collection[int], progress=None) -> np.ndarray:
         """Positions [m] at the given solver steps, shape [frames, particles, 3].

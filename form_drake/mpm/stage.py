@@ -28,7 +28,9 @@ COMING = 0.5  # of it, in which tools come to where they begin: what yields reme
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
-_Way = tuple[np.ndarray, np.ndarray]  # places [m] and orientations, shapes [times, 3], [times, 3, 3]
+_Way = tuple[
+    np.ndarray, np.ndarray
+]  # places [m] and orientations, shapes [times, 3], [times, 3, 3]
 
 
 @dataclass(frozen=True)
