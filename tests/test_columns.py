@@ -49,8 +49,8 @@ def test_what_the_grid_has_wrong_is_extrapolated_from_grids_that_were_simulated(
     more = found.grid - other
     finest = replace(match, scenes=replace(match.scenes, coarser=1.0))
     assert finest.anchored() is finest.on(2.0) is finest
-    (noise,), (own,) = found.noise.factors, found.by.factors
-    assert own @ own.T == pytest.approx(noise @ noise.T + np.outer(more, more), rel=1e-6, abs=1e-18)
+    noise, own = (by.covariance(np.arange(len(more))) for by in (found.noise, found.by))
+    assert own == pytest.approx(noise + np.outer(more, more), rel=1e-6, abs=1e-18)
 
 
 def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
@@ -105,3 +105,13 @@ def test_a_softer_body_is_no_nearer_for_the_noise_that_it_takes_along():
     other = match.near(soft.more(CATALOGUE["force-gain"], 0.2, {}))
     assert other.gap @ other.gap < match.gap @ match.gap
     assert other.excess > match.excess + 5.0
+
+
+def test_what_a_match_was_made_from_is_forgotten_and_made_again():
+    match, (drag, density) = begun("frictionless", 0.3), (CATALOGUE[n] for n in ("drag", "density"))
+    left, known = match.left, match.columns(drag, [{}])
+    light = match.lighter
+    assert light.left is left and np.array_equal(light.columns(drag, [{}]), known)
+    assert not any("motion" in vars(p) for p in light.twin.probes)
+    assert np.array_equal(light.columns(density, [{}]), match.columns(density, [{}]))
+    assert np.allclose(light.near(match.model).left, left)

@@ -134,7 +134,7 @@ def test_simpler_statistics_leave_out_what_they_do_not_know():
     spread = squares[0] / (len(match.rest) - match.slopes.shape[1])
     gain = (squares[0] - squares[1]) / spread
     assert found["ols"]["force-delay"].score == pytest.approx(gain, rel=1e-6)
-    size = np.sqrt(np.concatenate([np.sum(f**2, axis=1) for f in match.by.factors]))
+    size = match.by.sizes
     own = match.seen_by(match.by, match.rest)
     left = [
         match.rest

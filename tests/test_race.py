@@ -79,6 +79,7 @@ class Fake:
         gap = np.array([np.sqrt(squares[0])])
         self.match = SimpleNamespace(gap=gap, excess=squares[0], excess_left=squares[0])
         self.settled = len(squares) == 1
+        self.lighter = self
 
     def stepped(self):
         if self.squares[1] is None:

@@ -459,15 +459,23 @@ def test_a_bent_strip_gives_its_stiffness_to_fields_that_no_pressure_works_on(st
 
 
 def test_an_error_that_all_rows_share_is_part_of_their_covariance():
-    """Each probe has its own."""
+    """Each probe has its own, and another that the first one knows nothing of."""
     rng = np.random.default_rng(0)
     parts = [rng.standard_normal((n, 2 * n)) for n in (7, 12)]
-    noise, error, rows = [p @ p.T for p in parts], 5.0 * rng.standard_normal(19), np.eye(19)
-    found = Weights(tuple(map(np.linalg.cholesky, noise)), 0.0).beside(error).white(rows)
-    whole = np.zeros((19, 19))
-    for own, block in zip((slice(0, 7), slice(7, 19)), noise, strict=True):
-        whole[own, own] = block + np.outer(error[own], error[own])
+    noise, rows = [p @ p.T for p in parts], np.eye(19)
+    errors = [5.0 * rng.standard_normal(19), np.append(rng.standard_normal(7), np.zeros(12))]
+    by = Weights(tuple(map(np.linalg.cholesky, noise)), 0.0)
+    for error in errors:
+        by = by.beside(error)
+    whole, found = np.zeros((19, 19)), by.white(rows)
+    for n, own in enumerate((slice(0, 7), slice(7, 19))):
+        whole[own, own] = noise[n] + sum(np.outer(e[own], e[own]) for e in errors)
+        some = np.arange(2, 6)
+        part = whole[own, own][np.ix_(some, some)]
+        assert by.of(n).covariance(some) == pytest.approx(part, rel=1e-12)
     assert found.T @ found == pytest.approx(np.linalg.inv(whole), rel=1e-9, abs=1e-12)
+    assert by.coloured(found) == pytest.approx(rows, abs=1e-9)
+    assert by.sizes == pytest.approx(np.sqrt(np.diag(whole)))
 
 
 def _one_column(A, b, sigma):

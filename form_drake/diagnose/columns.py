@@ -43,6 +43,12 @@ class Columns:
         """Of the twin: without noise, its columns cannot be explained away by small moduli."""
         return ProbeReading.of(self.twin, self.model.values)
 
+    def lighter(self, twin: Problem) -> "Columns":
+        """The same columns; more are made from ``twin``, a copy that has made nothing yet."""
+        other = replace(self, twin=twin)
+        other.__dict__["_known"] = self._known
+        return other
+
     def of(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, in rows of A theta - b, shape [rows, shapes]."""
         self.learn([(effect, shape) for shape in shapes])

@@ -15,6 +15,7 @@ from form_drake.diagnose.match import Match
 from form_drake.motion import Body
 from form_drake.weak.contact import HeldFields, OpenFields
 from form_drake.weak.probe import Probe
+from form_drake.weak.solve import Weights
 
 BOOKS = ("interior", "tool", "contact")
 CELLS = 6  # of the body along each axis
@@ -90,17 +91,17 @@ def ledgers(match: Match) -> tuple[Ledger, ...]:
     """Those of every probe of a match."""
     ends = np.cumsum([0, *map(len, match.by.factors)])
     parts = [match.left[a:z] for a, z in pairwise(ends)]
-    rows = zip(match.twin.probes, match.by.factors, parts, strict=True)
-    return tuple(_ledger(probe, factor, left) for probe, factor, left in rows)
+    rows = zip(match.twin.probes, parts, strict=True)
+    return tuple(_ledger(probe, match.by.of(n), left) for n, (probe, left) in enumerate(rows))
 
 
-def _ledger(probe: Probe, factor: np.ndarray, left: np.ndarray) -> Ledger:
+def _ledger(probe: Probe, by: Weights, left: np.ndarray) -> Ledger:
     share, book = _weights(probe)
     window, field = np.divmod(np.flatnonzero(probe.keep), len(share))
-    square, raw = np.empty(len(left)), factor @ left
+    square, raw = np.empty(len(left)), by.coloured(left)
     for n in np.unique(window):
         own = window == n
-        square[own] = _apart(factor[own] @ factor[own].T, raw[own]) ** 2
+        square[own] = _apart(by.covariance(own), raw[own]) ** 2
     time = probe.windows.ends.mean(axis=1)
     return Ledger(probe.name, probe.body, time, square, window, field, book[field], share)
 

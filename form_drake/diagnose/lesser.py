@@ -22,8 +22,8 @@ def lesser(match: Match, effects: Iterable[Effect]) -> dict[str, list[Score]]:
         effects: a catalogue.
     """
     known, rest = list(effects), match.rest
-    factors = match.by.factors
-    sizes = [np.sqrt(np.sum(f**2, axis=1)) for f in factors]
+    ends = np.cumsum(list(map(len, match.by.factors)))[:-1]
+    sizes = np.split(match.by.sizes, ends)
     every = {
         "ols": [np.ones_like(s) for s in sizes],
         "diagonal": sizes,

@@ -184,6 +184,21 @@ class Match:
         other.__dict__.update(kept, apart=apart)
         return other
 
+    @property
+    def lighter(self) -> "Match":
+        """The same with all that it was asked for, without what that was made from.
+
+        Motions, tables of fields and readings take a hundred times as much room; they are made again if
+        more is asked.
+        """
+        twin = replace(self.twin, probes=tuple(replace(p) for p in self.twin.probes))
+        other = replace(self, twin=twin)
+        known = {k: v for k, v in vars(self).items() if k not in vars(other)}
+        if "raw" in known:
+            known["raw"] = self.raw.lighter(twin)
+        other.__dict__.update(known)
+        return other
+
     def doubted(self, root: np.ndarray) -> "Match":
         """With what its unknowns may have wrong as an error of its rows.
 

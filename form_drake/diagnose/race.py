@@ -6,7 +6,7 @@ size: it begins wherever it is seen. A few steps of each show which comes neares
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,20 +25,26 @@ ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires
 
 @dataclass(frozen=True)
 class Runner:
-    """A start, and how far its search has come."""
+    """A start, and how far its search has come.
+
+    Attributes:
+        score: of the start.
+        search: where it is.
+        apart: square of its gap, beyond noise.
+        left: square of what a last step would leave of it, beyond noise.
+    """
 
     score: Score
     search: Search
+    apart: float
+    left: float
 
-    @property
-    def apart(self) -> float:
-        """Square of its gap, beyond noise."""
-        return self.search.match.excess
-
-    @property
-    def left(self) -> float:
-        """Square of what a last step would leave of it, beyond noise."""
-        return self.search.match.excess_left
+    @classmethod
+    def at(cls, score: Score, search: Search) -> "Runner":
+        """Its place known, and what that was made from forgotten."""
+        match = search.match
+        apart, left = match.excess, match.excess_left
+        return cls(score, search.lighter, apart, left)
 
     def matched(self) -> Match:
         """The twin nearest to the data, on the grid that tells how much is missing.
@@ -54,7 +60,7 @@ class Runner:
     def stepped(self) -> "Runner":
         """One step on; where it has settled, or the simulation does not stand it, it stays."""
         try:
-            return self if self.search.settled else replace(self, search=self.search.stepped())
+            return self if self.search.settled else Runner.at(self.score, self.search.stepped())
         except ValueError:
             return self
 
@@ -80,7 +86,7 @@ def raced(
         try:
             size = start.effect.bounded(start.coefficient)
             more = match.model.more(start.effect, size, start.shape)
-            runners.append(Runner(start, Search.of(match.near(more))))
+            runners.append(Runner.at(start, Search.of(match.near(more))))
         except ValueError as error:
             failure = ValueError(f"{start.effect.id}: {error}")
     if not runners:

@@ -48,6 +48,11 @@ class Search:
     def of(cls, match: Match) -> "Search":
         return cls(match, np.zeros(match.slopes.shape))
 
+    @property
+    def lighter(self) -> "Search":
+        """The same, see ``Match.lighter``."""
+        return replace(self, match=self.match.lighter)
+
     @cached_property
     def _columns(self) -> np.ndarray:
         """Whitened, shape [rows, unknowns]."""

@@ -119,7 +119,7 @@ def named(
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:
             found, after, failed = replace(found, best=found.seen[0]), None, str(error)
-        passes.append(found)
+        passes.append(replace(found, match=found.match.lighter))
         if after is None:
             break
         match = after

@@ -101,9 +101,9 @@ def _odd_series(terms: int):
     return series
 
 
-def _hencky_series(short: int, long: int):
-    """``short`` terms reach round-off for |Z| < 0.25, ``long`` ones for |Z| < 0.6."""
-    near, far = _odd_series(short), _odd_series(long)
+def _hencky_series(short: int, middle: int, long: int):
+    """Numbers of terms that reach round-off for |Z| < 0.08, 0.25 and 0.6."""
+    near, beyond, far = _odd_series(short), _odd_series(middle), _odd_series(long)
 
     @wp.func
     def hencky(F: Any):
@@ -117,8 +117,10 @@ def _hencky_series(short: int, long: int):
         if size > type(J)(0.6):
             return hencky_svd3(F)
         strain = identity
-        if size < type(J)(0.25):
+        if size < type(J)(0.08):
             strain = near(Z, Z * Z)
+        elif size < type(J)(0.25):
+            strain = beyond(Z, Z * Z)
         else:
             strain = far(Z, Z * Z)
         return deviator(strain) + wp.log(J) / type(J)(3.0) * identity
@@ -126,14 +128,27 @@ def _hencky_series(short: int, long: int):
     return hencky
 
 
-def _exponential(terms: int):
+def _taylor(terms: int):
     @wp.func
-    def exponential(a: Any):
+    def series(a: Any):
         identity = wp.identity(n=3, dtype=a.dtype)
         total = identity
         for k in range(terms):
             total = identity + a * total / a.dtype(float(terms - k))
         return total
+
+    return series
+
+
+def _exponential(short: int, long: int):
+    """Numbers of terms that reach round-off for |a| < 0.03 and up to about one."""
+    near, far = _taylor(short), _taylor(long)
+
+    @wp.func
+    def exponential(a: Any):
+        if norm(a) < a.dtype(0.03):
+            return near(a)
+        return far(a)
 
     return exponential
 
@@ -151,10 +166,10 @@ def hencky(decomposition: str, precision: str):
     """Warp function F -> Hencky strain 1/2 log(F F^T) [-], exact to round-off."""
     if decomposition == "svd3":
         return hencky_svd3
-    return _hencky_series(*((5, 14) if precision == "float32" else (12, 30)))
+    return _hencky_series(*((3, 5, 14) if precision == "float32" else (7, 12, 30)))
 
 
 @cache
 def exponential(precision: str):
     """Warp function a -> exp(a) by Taylor's series, for |a| up to about one."""
-    return _exponential(8 if precision == "float32" else 16)
+    return _exponential(*((3, 8) if precision == "float32" else (8, 16)))

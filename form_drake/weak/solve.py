@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
@@ -21,28 +21,77 @@ class Weights:
     """Inverse covariance of the rows, and the model error in it.
 
     Attributes:
-        factors: Cholesky factors of the covariance of each probe's rows, probes being independent.
+        factors: Cholesky factors L of the covariance of each probe's rows, probes being independent.
         error: model error as a share of the size of each row.
+        shared: errors e that all rows of a probe share beside it, of one standard deviation [rows]:
+            the covariance is L L^T + sum e e^T.
     """
 
     factors: tuple[np.ndarray, ...]
     error: float
+    shared: tuple[np.ndarray, ...] = ()
+
+    @cached_property
+    def _ends(self) -> list[int]:
+        return np.cumsum(list(map(len, self.factors)))[:-1].tolist()
+
+    def of(self, probe: int) -> "Weights":
+        """Those of one probe's rows."""
+        shared = tuple(np.split(e, self._ends)[probe] for e in self.shared)
+        return Weights((self.factors[probe],), self.error, shared)
 
     def white(self, a: np.ndarray) -> np.ndarray:
         """a in units of the standard deviation of independent rows."""
-        ends = np.cumsum([0, *map(len, self.factors)])
-        return np.concatenate(
-            [
-                solve_triangular(f, a[i:j], lower=True)
-                for f, i, j in zip(self.factors, ends[:-1], ends[1:], strict=True)
-            ]
-        )
+        pairs = zip(self.factors, np.split(a, self._ends), self._lines, strict=True)
+        found = []
+        for factor, part, lines in pairs:
+            white = solve_triangular(factor, part, lower=True)
+            for line, own in lines:  # (I + w w^T)^(-1/2)
+                share = 1.0 - 1.0 / np.sqrt(1.0 + own)
+                white = white - np.multiply.outer(line, share * (line @ white))
+            found.append(white)
+        return np.concatenate(found)
+
+    def coloured(self, a: np.ndarray) -> np.ndarray:
+        """The rows that are white as ``a``."""
+        pairs = zip(self.factors, np.split(a, self._ends), self._lines, strict=True)
+        found = []
+        for factor, white, lines in pairs:
+            part = white
+            for line, own in reversed(lines):
+                share = np.sqrt(1.0 + own) - 1.0
+                part = part + np.multiply.outer(line, share * (line @ part))
+            found.append(factor @ part)
+        return np.concatenate(found)
+
+    @cached_property
+    def _lines(self) -> list[list[tuple[np.ndarray, float]]]:
+        """Directions and squares of the shared errors, each whitened by what stands before it."""
+        if not self.shared:
+            return [[] for _ in self.factors]
+        *before, last = self.shared
+        less = replace(self, shared=tuple(before))
+        found = []
+        for lines, part in zip(less._lines, np.split(less.white(last), self._ends), strict=True):
+            square = float(part @ part)
+            found.append([*lines, (part / max(np.sqrt(square), TINY), square)])
+        return found
+
+    def covariance(self, rows: np.ndarray) -> np.ndarray:
+        """Of some rows of a single probe."""
+        own = self.factors[0][rows]
+        errors = np.array([e[rows] for e in self.shared]).reshape(-1, len(own))
+        return np.asarray(own @ own.T + errors.T @ errors)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Standard deviations of the rows."""
+        squares = np.concatenate([np.sum(f**2, axis=1) for f in self.factors])
+        return np.asarray(np.sqrt(squares + sum(e**2 for e in self.shared)))
 
     def beside(self, error: np.ndarray) -> "Weights":
-        """With an error that all rows of a probe share, of one standard deviation [rows]."""
-        parts = np.split(error, np.cumsum(list(map(len, self.factors)))[:-1])
-        pairs = zip(self.factors, parts, strict=True)
-        return replace(self, factors=tuple(_updated(f, part) for f, part in pairs))
+        """With one more error that all rows of a probe share, of one standard deviation [rows]."""
+        return replace(self, shared=(*self.shared, error))
 
 
 @dataclass(frozen=True)
@@ -119,19 +168,6 @@ def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)
     return Solution(theta, covariance, b - A @ theta, float(s[0] / s[-1]), _effective(U), Vt[-1])
-
-
-def _updated(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of L L^T + x x^T (Gill et al. 1974), shape [rows, rows]."""
-    L, x = np.array(factor, order="F"), x.copy()
-    for k in range(len(x)):
-        own, below = L[k, k], L[k + 1 :, k]
-        L[k, k] = np.hypot(own, x[k])
-        c, s = L[k, k] / own, x[k] / own
-        below += s * x[k + 1 :]
-        below /= c
-        x[k + 1 :] = c * x[k + 1 :] - s * below
-    return L
 
 
 def _effective(U: np.ndarray) -> float:
