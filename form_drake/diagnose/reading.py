@@ -11,8 +11,9 @@ from form_drake.identify.problem import Problem
 from form_drake.laws import Law, Values, law_named
 from form_drake.laws.memory import Memory, remembered
 from form_drake.motion import Motion, Sampling
-from form_drake.weak.balance import Along, Fixed, balance
+from form_drake.weak.balance import Along, balance
 from form_drake.weak.contact import HeldFields
+from form_drake.weak.integrals import Fixed
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import beside, quadrature_cells
 from form_drake.weak.stress import elastic_part, unit_stresses

@@ -7,9 +7,9 @@ import numpy as np
 
 from form_drake.motion import Fit, Motion, Sampling
 from form_drake.motion.smoothing import Spread
-from form_drake.weak.balance import forces, runs
 from form_drake.weak.contact import STIFFNESS, HeldFields
 from form_drake.weak.fields import Fields
+from form_drake.weak.integrals import forces, runs
 from form_drake.weak.tangent import Tangent
 
 # indices of times -> the stress there, first Piola's where fields are material, else Kirchhoff's

@@ -11,11 +11,12 @@ from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling
 from form_drake.motion.motion import inverse
 from form_drake.motion.smoothing import Spread
-from form_drake.weak.balance import Along, balance, runs
+from form_drake.weak.balance import Along, balance
 from form_drake.weak.covariance import Past, track_noise
 from form_drake.weak.fields import Fields
 from form_drake.weak.force import Force
 from form_drake.weak.history import lasting as lasting_rows
+from form_drake.weak.integrals import runs
 from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
