@@ -78,8 +78,8 @@ def response(law: Law):
 def gathering(law: Law):
     """Kernel: V T_k F^-T over the windows, added to out[k, window, point].
 
-    ``chi[time, n]`` is the share of a time in the window ``first[time] + n``; ``inverse`` is that of
-    the whole F. The pressure p [Pa] is the law's own where its array is empty.
+    ``chi[time, n]`` is the share of a time in the window ``first[time] + n``; T_k is that of the elastic
+    part of F. The pressure p [Pa] is the law's own where its array is empty.
     """
     make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
     functions = tuple(term.response for term in law.terms)
@@ -89,9 +89,9 @@ def gathering(law: Law):
         begin: int,
         first: wp.array(dtype=int),
         chi: wp.array2d(dtype=real),
-        F: wp.array2d(dtype=mat),
+        elastic: wp.array2d(dtype=mat),
         L: wp.array2d(dtype=mat),
-        inverse: wp.array2d(dtype=mat),
+        F: wp.array2d(dtype=mat),
         volume: wp.array(dtype=real),
         kappa: real,
         p: wp.array2d(dtype=real),
@@ -100,10 +100,10 @@ def gathering(law: Law):
     ):
         i = begin + wp.tid()
         for n in range(F.shape[0]):
-            q = make(F[n, i], measure(F[n, i]), L[n, i], kappa)
+            q = make(elastic[n, i], measure(elastic[n, i]), L[n, i], kappa)
             if p.shape[0] > 0:
                 q.p = p[n, i]
-            along = volume[i] * wp.transpose(inverse[n, i])
+            along = volume[i] * wp.transpose(wp.inverse(F[n, i]))
             for k in range(wp.static(len(functions))):
                 met = wp.static(functions[k])(q, s) * along
                 for m in range(chi.shape[1]):

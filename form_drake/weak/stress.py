@@ -80,7 +80,7 @@ def gathered(
     inputs = [
         wp.array(first, dtype=int, device="cpu"),
         wp.array(share, dtype=real, device="cpu"),
-        *(matrices(a).reshape(F.shape[:2]) for a in (F, motion.L, motion.inverse)),
+        *(matrices(a).reshape(F.shape[:2]) for a in (F, motion.L, motion.F)),
         numbers(motion.volume),
         real(values.get("kappa", 0.0)),
         numbers(np.zeros(0) if p is None else p.ravel()).reshape((0, 0) if p is None else p.shape),
