@@ -1,5 +1,7 @@
 """Contact under plates that do not hold what they press: a closed form, and forces where none is due."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -75,6 +77,23 @@ def test_a_force_on_a_plate_that_is_off_is_seen_when_it_is():
     read = probe(lifted, "press", 0.004)
     (open_,) = (f for f in read.fields if isinstance(f, OpenFields))
     assert len(read.windows.time) != len(lifted.time)
-    kept = read.keep.reshape(len(read.windows), -1)[:, -len(open_.names)]
+    assert open_.names == ("across plate x", "across plate y", "off plate")
+    kept = read.keep.reshape(len(read.windows), -1)[:, -1]
     first = SECONDS * 0.8  # the plate is back where it began
     assert np.array_equal(kept, read.windows.ends[:, 1] > first) and 0 < kept.sum() < len(kept)
+
+
+def test_a_force_across_a_smooth_plate_is_one_that_it_should_not_feel():
+    """Rows tell it along every axis, with noise of the force alone."""
+    pressed = press(0.1 * EDGE)
+    force = pressed.forces["plate"]
+    pushed = replace(force, value=force.value + np.array([0.3, -0.2, 0.0]), noise=0.01)
+    read = probe(replace(pressed, forces={"plate": pushed}), "press", 0.004)
+    across = np.array(["across" in f for family in read.fields for f in family.names])
+    rows = np.tile(across, len(read.windows))[read.keep]
+    told = read.rest(read.along(read.motion), {})[rows].reshape(-1, 2)
+    span = read.windows.chi.sum(axis=1)
+    assert told == pytest.approx(np.outer(span, [-0.3, 0.2]), rel=1e-3)
+    quiet = replace(read, forces={"plate": replace(read.forces["plate"], noise=0.0)})
+    noise, none = (p.noise(LAW, TRUTH, LAW.theta(TRUTH)) for p in (read, quiet))
+    assert np.diag(noise)[rows].min() > 0.0 and not none[np.ix_(rows, rows)].any()

@@ -78,68 +78,73 @@ def _modes(body: Body, face: Face, points: np.ndarray) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class OpenFields:
-    """Force on tools where they are off the body, and should feel none.
+    """Force that tools should not feel: across frictionless faces, and any where they are off the body.
 
     Args:
         time: [s], shape [times].
-        off: by tool, whether it is off, shape [times].
-        axes: by tool, that of its face.
+        tools: that of every field.
+        axes: along which it should feel none.
+        open: whether it should feel none, shape [fields, times].
+        names: of the fields.
     """
 
     time: np.ndarray = field(repr=False)
-    off: dict[str, np.ndarray] = field(repr=False)
-    axes: dict[str, int]
+    tools: tuple[str, ...]
+    axes: tuple[int, ...]
+    open: np.ndarray = field(repr=False)
+    names: tuple[str, ...]
     material: bool = True
     fixed: bool = True
 
     @classmethod
     def of(cls, recording: Recording, body: Body) -> "OpenFields | None":
-        """Of the frictionless tools that leave the body while their force is measured; None: no such."""
+        """Of the frictionless tools whose force and pose are measured; None: there are none."""
         time = recording.time - recording.time[0]
-        off, axes = {}, {}
+        found = []
         for face in body.faces:
             tool = face.tool
             known = tool in recording.forces and tool in recording.poses
-            if face.condition == "frictionless" and known:
-                pose = recording.poses[tool]
-                plane = (body.low, body.high)[face.side][face.axis]
-                place = np.asarray(pose.value)[:, face.axis, 3]
-                away = (2 * face.side - 1) * (place - plane) > OPEN
-                seen = np.interp(time, pose.time - recording.time[0], away.astype(float)) == 1.0
-                if seen.any():
-                    off[tool], axes[tool] = seen, face.axis
-        return cls(time, off, axes) if off else None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(f"off {tool}" for tool in self.off)
-
-    @property
-    def tools(self) -> tuple[str, ...]:
-        return tuple(self.off)
+            if face.condition != "frictionless" or not known:
+                continue
+            pose = recording.poses[tool]
+            plane = (body.low, body.high)[face.side][face.axis]
+            place = np.asarray(pose.value)[:, face.axis, 3]
+            away = (2 * face.side - 1) * (place - plane) > OPEN
+            off = np.interp(time, pose.time - recording.time[0], away.astype(float)) == 1.0
+            for axis in range(3):
+                if axis != face.axis:
+                    found.append(
+                        (tool, axis, np.ones(len(time), bool), f"across {tool} {'xyz'[axis]}")
+                    )
+            if off.any():
+                found.append((tool, face.axis, off, f"off {tool}"))
+        if not found:
+            return None
+        tools, axes, open_, names = zip(*found, strict=True)
+        return cls(time, tools, axes, np.array(open_), names)
 
     @property
     def breaks(self) -> tuple[np.ndarray, ...]:
         return ()
 
     def acting(self, motion: Motion) -> dict[str, np.ndarray]:
-        found, off = {}, self.alone(motion.time)
-        for n, tool in enumerate(self.off):
-            found[tool] = np.zeros((len(motion.time), len(self.off), 3))
-            found[tool][:, n, self.axes[tool]] = off[:, n]
+        found = {t: np.zeros((len(motion.time), len(self.names), 3)) for t in self.tools}
+        alone = self.alone(motion.time)
+        for n, (tool, axis) in enumerate(zip(self.tools, self.axes, strict=True)):
+            found[tool][:, n, axis] = alone[:, n]
         return found
 
     def alone(self, time: np.ndarray) -> np.ndarray:
-        """Whether each tool is off at times of a grid [s], shape [grid, tools]."""
+        """Whether each field is open at times of a grid [s], shape [grid, fields]."""
         nearest = np.abs(time[:, None] - self.time).argmin(axis=1)
-        return np.stack(list(self.off.values()), axis=1)[nearest]
+        return self.open.T[nearest]
 
     def at(self, motion: Motion) -> Sampled:
-        shape = (len(motion.time), len(self.off), len(motion.X), 3)
+        shape = (len(motion.time), len(self.names), len(motion.X), 3)
         return Sampled(np.broadcast_to(0.0, shape), np.broadcast_to(0.0, (*shape, 3)))
 
     def inside(self, boundary: np.ndarray) -> np.ndarray:
-        return np.ones(len(self.off), dtype=bool)
+        return np.ones(len(self.names), dtype=bool)
 
 
 def tests(fields: Sequence[Fields], windows: Windows) -> np.ndarray:
