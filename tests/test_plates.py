@@ -10,6 +10,7 @@ from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE, World
 from form_drake.laws import LAWS
 from form_drake.material import Material
+from form_drake.mpm import stage
 from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.plates import Face
@@ -169,3 +170,23 @@ def test_a_body_that_yields_meets_its_plates_as_one_that_does_not():
         made = Stage(begun, 5e-3).rolled(yielding(plain, 1.0, {"strain": strain}))
         forces.append(made.forces["plate"].value[0, 2])
     assert forces[0] > 0.05 and forces[1] == pytest.approx(forces[0], rel=1e-4)
+
+
+def test_a_stiff_block_on_a_shaken_floor_lags_as_if_the_floor_went_by_a_curve(monkeypatch):
+    """Which it follows in straight strides, whose corners the block is too slow for."""
+    shaken = Block(size=(0.02, 0.02, 0.02), points=60).shake()
+    last = 60
+    shaken = replace(shaken, time=shaken.time[:last], p_WQ=shaken.p_WQ[:last])
+    plain = World(
+        LAWS["neo-hookean"], {"C10": 18e3, "kappa": 150e3}, shaken.density, np.array([0, 0, -9.81])
+    )
+    floor = shaken.poses["floor"]
+    way = np.stack([np.interp(shaken.time, floor.time, floor.value[:, d, 3]) for d in range(3)], 1)
+    lags = []
+    for period in (stage.PERIOD, stage.PERIOD / 4.0):
+        monkeypatch.setattr(stage, "PERIOD", period)
+        made = Stage(shaken, 5e-3).rolled(plain)
+        lag = (made.p_WQ - way[:, None])[:, :, 0]
+        lags.append((lag - lag[0])[:, made.reference[:, 2] > 0.01])
+    assert np.sqrt(np.mean(lags[1] ** 2)) > 1e-6
+    assert np.sum(lags[0] * lags[1]) / np.sum(lags[1] ** 2) == pytest.approx(1.0, abs=5e-3)

@@ -32,7 +32,7 @@ CLEAR = 1.0  # of the grid spacing, kept from held faces
 def fields(recording: Recording, dx: float) -> list[Fields]:
     """Test fields that keep clear of the layers at held faces, in which simulations err most.
 
-    Beside them: how far held faces have gone, and forces where nothing touches.
+    Beside them: how far held faces have gone, and forces that tools should not feel.
     """
     shape = body(recording)
     held = np.zeros(3, dtype=int)
