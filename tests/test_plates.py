@@ -90,6 +90,20 @@ def test_a_plate_gives_a_block_no_energy():
     assert swing[0] > 5e-4 and np.all(np.diff(swing) < 1e-3 * swing[0])
 
 
+def test_what_is_held_stays_where_it_is_held():
+    """Under a plate that goes down and up, for sixteen thousand steps in single precision."""
+    size = (0.042, 0.0335, 0.0335)
+    pressed = Block(size=size, points=60).press("frictionless")
+    law, values = LAWS["neo-hookean"], {"C10": 18.4e3, "kappa": 226e3}
+    plain = World(law, values, pressed.density, np.array([0.0, 0.0, -9.81]))
+    play = Stage(pressed, size[1] / 4.0)._set(plain)
+    (*_, last), _, _ = play._run
+    rest, down = play.scene.rest, np.array([0.0, 0.0, -play.scene.simulation.body.half[0, 2]])
+    layer = rest[:, 2] < rest[:, 2].min() + 1e-9
+    gone = (last.p_WQ + last.state.T @ down - rest - down)[layer]
+    assert last.state.step > 15000 and np.abs(gone).max() < 4e-6
+
+
 def test_longer_steps_press_as_shorter_ones(monkeypatch):
     """Nothing is pushed by a depth: forces lag by no more than a step, a hundredth of this press."""
     scene, _ = standing("tied")

@@ -61,7 +61,7 @@ class State:
         F: elastic deformation gradients [-], shape [particles, 3, 3].
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
         slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
-        face: see ``Plates.face``, [m], shape [tools, columns, 3].
+        face: see ``Plates.face``, [m], in double precision, shape [tools, columns, 3].
         step: steps made so far.
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].

@@ -118,7 +118,10 @@ class Plates:
 
         self._node, self._beside = (held((tools, self._most, k), int) for k in (3, 4))
         self._share = held((tools,), t.vec3)
-        self._at, self._face = (held((tools, self._most), t.vec3) for _ in range(2))
+        self._at = held((tools, self._most), t.vec3)
+        self._face = held(
+            (tools, self._most), wp.vec3d
+        )  # else slow drifts are rounded away, and stay
         self._area = held((tools, self._most), t.real)
         self._still = self._face.read()
         self._node.write(-1)
@@ -181,7 +184,7 @@ def follow(precision: str):
         node: wp.array3d(dtype=int),
         share: wp.array(dtype=vec3),
         grid: wp.array(dtype=t.vec4),
-        face: wp.array2d(dtype=vec3),
+        face: wp.array2d(dtype=wp.vec3d),
     ):
         n, c = wp.tid()
         if node[n, c, 0] < 0:
@@ -190,7 +193,8 @@ def follow(precision: str):
         for r in range(3):
             one = grid[node[n, c, r]]
             v += share[n][r] * vec3(one[0], one[1], one[2])
-        face[n, c] = face[n, c] + clock[0][0] * v
+        way = clock[0][0] * v
+        face[n, c] += wp.vec3d(wp.float64(way[0]), wp.float64(way[1]), wp.float64(way[2]))
 
     return kernel
 
@@ -203,12 +207,16 @@ def constrain(precision: str):
     reach = wp.constant(real(REACH))
 
     @wp.func
+    def apart(a: wp.vec3d, b: wp.vec3d):
+        return vec3(real(a[0] - b[0]), real(a[1] - b[1]), real(a[2] - b[2]))
+
+    @wp.func
     def wide(
-        n: int, c: int, axis: int, beside: wp.array3d(dtype=int), face: wp.array2d(dtype=vec3)
+        n: int, c: int, axis: int, beside: wp.array3d(dtype=int), face: wp.array2d(dtype=wp.vec3d)
     ):
         before, after = beside[n, c, 2 * axis], beside[n, c, 2 * axis + 1]
         steps = real(wp.where(before == c, 0, 1) + wp.where(after == c, 0, 1))
-        return (face[n, after] - face[n, before]) / wp.max(steps, real(1.0))
+        return apart(face[n, after], face[n, before]) / wp.max(steps, real(1.0))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -226,7 +234,7 @@ def constrain(precision: str):
         at: wp.array2d(dtype=vec3),
         area: wp.array2d(dtype=real),
         beside: wp.array3d(dtype=int),
-        face: wp.array2d(dtype=vec3),
+        face: wp.array2d(dtype=wp.vec3d),
         grid: wp.array(dtype=t.vec4),
         taken: wp.array2d(dtype=wp.vec3d),
     ):
@@ -242,8 +250,11 @@ def constrain(precision: str):
                 s = share[n][r]
                 v += s * vec3(one[0], one[1], one[2])
                 light += s * s / one[3]
-        here = face[n, c]
-        arm = here - place[n]
+        middle = place[n]
+        arm = apart(
+            face[n, c],
+            wp.vec3d(wp.float64(middle[0]), wp.float64(middle[1]), wp.float64(middle[2])),
+        )
         normal = vec3(turn[n][0, 2], turn[n][1, 2], turn[n][2, 2])
         u = v - speed[n] - wp.cross(spin[n], arm)
         u_n = wp.dot(normal, u)
