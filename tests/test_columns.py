@@ -111,7 +111,8 @@ def test_what_a_match_was_made_from_is_forgotten_and_made_again():
     match, (drag, density) = begun("frictionless", 0.3), (CATALOGUE[n] for n in ("drag", "density"))
     left, known = match.left, match.columns(drag, [{}])
     light = match.lighter
-    assert light.left is left and np.array_equal(light.columns(drag, [{}]), known)
+    assert light.left is left and light.size == match.size
+    assert np.array_equal(light.columns(drag, [{}]), known)
     assert not any("motion" in vars(p) for p in light.twin.probes)
     assert np.array_equal(light.columns(density, [{}]), match.columns(density, [{}]))
     assert np.allclose(light.near(match.model).left, left)

@@ -5,9 +5,8 @@ import pytest
 
 from form_drake.laws import law_named
 from form_drake.weak import history
-from form_drake.weak.covariance import _by_moment, _covariance
+from form_drake.weak.covariance import _by_moment, _by_pair
 from form_drake.weak.history import lasting
-from form_drake.weak.noise import Moments
 from form_drake.weak.solve import throughout
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row, WeakSystem
@@ -104,15 +103,15 @@ def test_windows_in_pairs_and_by_moment_are_one_covariance():
     series = np.zeros((looks, moments))
     for n in range(looks):
         series[n, n : n + 4] = rng.standard_normal(4)
-    part = Moments(rng.uniform(0.5, 1.0, (1, functions)), series, series, None)
     windows = []
     for first, last, size in ((0, 5, 1.0), (3, 6, 2.0), (5, 9, 0.0), (30, 36, 1.0)):
         slopes = rng.standard_normal((last - first, functions, fields))
         windows.append((size * series[first:last], slopes))
-    assert 2 * fields * moments > 6**2  # else both are one
-    both = _covariance(windows, part, fields), _by_moment(windows, part.scale, fields)
-    np.testing.assert_allclose(*both, atol=1e-12 * np.abs(both[1]).max())
-    assert not both[0][4:6].any() and not both[0][:2, 6:].any() and both[0][:2, 2:4].any()
+    for alike in (1, moments):  # every moment is as large, or has a size of its own
+        scale = rng.uniform(0.5, 1.0, (alike, functions))
+        both = _by_pair(windows, scale, fields), _by_moment(windows, scale, fields)
+        np.testing.assert_allclose(*both, atol=1e-12 * np.abs(both[1]).max())
+        assert not both[0][4:6].any() and not both[0][:2, 6:].any() and both[0][:2, 2:4].any()
 
 
 def test_an_error_that_lasts_has_the_sign_of_the_stress():

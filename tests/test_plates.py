@@ -204,3 +204,17 @@ def test_a_stiff_block_on_a_shaken_floor_lags_as_if_the_floor_went_by_a_curve(mo
         lags.append((lag - lag[0])[:, made.reference[:, 2] > 0.01])
     assert np.sqrt(np.mean(lags[1] ** 2)) > 1e-6
     assert np.sum(lags[0] * lags[1]) / np.sum(lags[1] ** 2) == pytest.approx(1.0, abs=5e-3)
+
+
+def test_a_steady_way_is_followed_however_its_strides_differ():
+    """And one that bends evenly is outside of itself by as much as its chords are inside."""
+    steps = np.array([2e-3, 2e-3, 1e-3, 1.5e-3, 2e-3])
+    time, R = np.append(0.0, np.cumsum(steps)), np.tile(np.eye(3), (6, 1, 1))
+    p = time[:, None] * np.array([0.05, 0.0, -0.02])
+    assert stage._followed((p, R), steps)[0] == pytest.approx(p, abs=1e-15)
+    even, a = np.arange(6) * 2e-3, 0.8
+    bent = np.column_stack([0.5 * a * even**2, 0.0 * even, 0.0 * even])
+    found, _ = stage._followed((bent, R), np.full(5, 2e-3))
+    means = 0.5 * (found[1:-2, 0] + found[2:-1, 0])
+    wanted = a * (even[2:-1] ** 3 - even[1:-2] ** 3) / 6.0 / 2e-3
+    assert means == pytest.approx(wanted, rel=1e-9)

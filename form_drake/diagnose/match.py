@@ -191,7 +191,7 @@ class Match:
         Motions, tables of fields and readings take a hundred times as much room; they are made again if
         more is asked.
         """
-        twin = replace(self.twin, probes=tuple(replace(p) for p in self.twin.probes))
+        twin = self.twin.lighter
         other = replace(self, twin=twin)
         known = {k: v for k, v in vars(self).items() if k not in vars(other)}
         if "raw" in known:

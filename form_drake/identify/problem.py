@@ -67,6 +67,13 @@ class Problem:
             return self
         return replace(self, probes=tuple(p.coarser for p in self.probes))
 
+    @property
+    def lighter(self) -> "Problem":
+        """The same with the rows that it has made, without the motions they were made from."""
+        other = replace(self, probes=tuple(replace(p) for p in self.probes))
+        other.__dict__["_memory"] = self._memory
+        return other
+
     def coordinates(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """The logarithms of the nonlinear constants, and theta, at given values of all parameters."""
         law, eta = self.unknowns.law, []

@@ -28,9 +28,8 @@ COMING = 0.5  # of it, in which tools come to where they begin: what yields reme
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
-_Way = tuple[
-    np.ndarray, np.ndarray
-]  # places [m] and orientations, shapes [times, 3], [times, 3, 3]
+# places [m] and orientations, shapes [times, 3] and [times, 3, 3]
+_Way = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,7 @@ class _Play:
         snapshot = self._settled()
         frames, forces = [snapshot], [snapshot.force]
         steps = np.diff(ends)
-        motions = _motions([_followed(p.at(ends)) for p in self.paths], steps)
+        motions = _motions([_followed(p.at(ends), steps) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
             own = slice(first, last)
             snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own], self.world.drag)
@@ -310,14 +309,16 @@ class _Path:
         return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
 
 
-def _followed(way: _Way) -> _Way:
-    """Corners of a way that goes straight from one to the next and is the curve on average.
+def _followed(way: _Way, steps: np.ndarray) -> _Way:
+    """Corners of a way that goes straight for every step [s] and is the curve on average.
 
     A body cannot follow the corners: it would see chords, that lie inside of the curve by a twelfth of
     its second differences.
     """
     p, R = way
-    return np.concatenate([p[:1], p[1:-1] - np.diff(p, 2, axis=0) / 12.0, p[-1:]]), R
+    before, after = steps[:-1, None], steps[1:, None]
+    bend = 2.0 * np.diff(np.diff(p, axis=0) / steps[:, None], axis=0) / (before + after)
+    return np.concatenate([p[:1], p[1:-1] - before * after * bend / 12.0, p[-1:]]), R
 
 
 def _motions(ways: Sequence[_Way], steps: np.ndarray) -> list[Motions]:

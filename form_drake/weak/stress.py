@@ -75,7 +75,8 @@ def gathered(
         shape [terms, windows, points, 3, 3].
     """
     first, share = _banded(chi)
-    points, p = F.shape[1], motion.pressure
+    points = F.shape[1]
+    p = np.zeros((0, 0)) if motion.pressure is None else motion.pressure
     out = wp.zeros((len(law.terms), len(chi), points), dtype=mat, device="cpu")
     inputs = [
         wp.array(first, dtype=int, device="cpu"),
@@ -83,7 +84,7 @@ def gathered(
         *(matrices(a).reshape(F.shape[:2]) for a in (F, motion.L, motion.F)),
         numbers(motion.volume),
         real(values.get("kappa", 0.0)),
-        numbers(np.zeros(0) if p is None else p.ravel()).reshape((0, 0) if p is None else p.shape),
+        wp.array(np.ascontiguousarray(p, dtype=float), dtype=real, device="cpu"),
         vec4(*law.shape_vector(values)),
         out,
     ]
