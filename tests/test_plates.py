@@ -12,6 +12,7 @@ from form_drake.laws import LAWS
 from form_drake.material import Material
 from form_drake.mpm import stage
 from form_drake.mpm.bodies import block
+from form_drake.mpm.eights import Eights
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.plates import Face
 from form_drake.mpm.solids import Solid
@@ -161,6 +162,41 @@ def test_columns_share_out_a_face():
         x = DX * np.stack(np.unravel_index(face.node, nodes), axis=-1)
         slope = np.array([0.3, -0.2, 0.5])
         assert (x @ slope) @ face.share == pytest.approx(face.place @ slope, rel=1e-12)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_column_that_rounding_alone_weighs_is_at_no_plate(monkeypatch, device):
+    """Outer particles are half-way between nodes but for a last digit, which single precision drops."""
+    body = block(np.array([0.0, 0.0, 0.5 * SIZE[2]]), SIZE, DX / 2, 1000.0)
+    body = replace(body, x=body.x + np.array([0.25 * DX * (1.0 - 1e-15), 0.0, 0.0]))
+    floor = Tool("floor", Solid.half_space(), "tied", plate=True)
+    region = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]]) * SIZE
+    soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
+    still = {"gravity": np.array([3.0, 0.0, -9.81]), "total": True, "device": device}
+    found, rest = [], Motions.at_rest(np.zeros(3))
+    for own in (Eights.of, lambda *_: None):  # the way of the CPU, and that of any device
+        monkeypatch.setattr(Eights, "of", own)
+        scene = Scene([soft], [body], [floor], region=region, dx=DX, **still)
+        scene.tie(rest)
+        found.append(scene.advance(scene.start(), rest, 0.02).force[0])
+    assert found[0] == pytest.approx(found[1], rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_recorded_press_is_the_same_on_every_device(device):
+    """Force and places beside those of double precision on the CPU."""
+    size = (0.02, 0.025, 0.03)
+    pressed = Block(size=size, points=60).press("frictionless", 0.3)
+    plain = World(LAWS["neo-hookean"], {"C10": 18e3, "kappa": 90e3}, 1000.0, np.zeros(3))
+    found, exact = (
+        Stage(pressed, size[0] / 4.0, precision=precision, device=on).rolled(plain)
+        for precision, on in (("float32", device), ("float64", "cpu"))
+    )
+    force, wanted = (next(iter(r.forces.values())).value for r in (found, exact))
+    assert np.abs(wanted).max() > 0.1 and force == pytest.approx(
+        wanted, abs=1e-3 * np.abs(wanted).max()
+    )
+    assert found.p_WQ == pytest.approx(exact.p_WQ, abs=1e-5)
 
 
 def test_a_plate_across_the_grid_is_refused():

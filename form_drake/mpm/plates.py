@@ -25,6 +25,7 @@ from form_drake.mpm.held import Held
 from form_drake.mpm.touch import impulse
 
 SAME = 0.01  # of a particle, within which particles are of one layer
+WEIGHTLESS = 1e-9  # of the largest column, below which rounding decides whether a column has mass
 REACH = 2e-4  # [m] off a plate at which adhesion ends
 ALIGNED = 1e-6  # sine of the angle between a plate and the grid at rest
 
@@ -76,7 +77,7 @@ class Face:
         for a, b in np.ndindex(3, 3):
             at = base[:, 0] + a, base[:, 1] + b
             np.add.at(area, at, own * parts[:, 0, a] * parts[:, 1, b])
-        column = np.argwhere(area > 0.0)
+        column = np.argwhere(area > WEIGHTLESS * area.max())
         found = np.full(np.array(area.shape) + 2, -1)
         found[tuple(column.T + 1)] = np.arange(len(column))
         steps = np.array([[-1, 0], [1, 0], [0, -1], [0, 1]]) + 1
