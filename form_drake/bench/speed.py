@@ -23,7 +23,7 @@ from form_drake.records.solver import Solver
 PARTICLES = 21952
 ROUNDS = 9
 STEPS = {"cpu": 40, "cuda": 400}
-PADDING = 18
+PADDING, SWEPT = 18, 10  # cells beside a block; those beside what it sweeps as it turns
 YOUNG, POISSON, DENSITY, TAU_Y = 8.0e4, 0.45, 1000.0, 2.0e3
 DX, DT = 2.0e-3, 4.0e-5
 
@@ -72,7 +72,7 @@ def job(particles: int = PARTICLES) -> Job:
     side = round(particles ** (1.0 / 3.0))
     if side**3 != particles or side % 2 or side < 2:
         raise ValueError(f"{particles} particles: the block needs the cube of an even number")
-    nodes, h = side // 2 + PADDING, DX / 2.0
+    nodes, h = max(side // 2 + PADDING, 3 * side // 4 + SWEPT), DX / 2.0
     axis = (np.arange(side) - 0.5 * (side - 1)) * h
     X = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1.0]])

@@ -1,5 +1,6 @@
 """``form-drake track``: from pictures of two cameras to a recording of a face's points."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +58,9 @@ class Track:
                 sights.append(sight)
                 bar.update()
 
+            started = time.perf_counter()
             found = tracked(rig, pictures, begin, self.device, seen)
+            seconds = (time.perf_counter() - started) / len(pictures.frames)
         held = float(np.mean(found.valid)) if found.valid is not None else 1.0
         made = found if beside is None else completed(found, beside)
         write_recording(made, out)
@@ -69,12 +72,13 @@ class Track:
             "frames": made.frames,
             "points": made.points,
             "held": held,
+            "seconds_a_frame": seconds,
             "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
             "noise": made.noise,
         }
         text = (
             f"{made.frames} frames of {made.points} points on face {rig.face.name}, {100.0 * held:.1f} % held,"
-            f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate"
+            f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate, {seconds:.2g} s a frame"
         )
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
