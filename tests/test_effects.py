@@ -50,7 +50,7 @@ TRIED = {  # size of the coefficient, and the shape
     "drag": (20.0, {}),
     "tool-friction": (0.06, {}),
     "adhesion": (300.0, {}),
-    "floor-slip": (3e-8, {}),
+    "floor-slip": (3e-8, {"slippery": 0.0}),
     "force-gain": (0.02, {}),
     "force-bias": (0.02, {"azimuth": 0.3, "elevation": 1.2}),
     "force-drift": (0.05, {"azimuth": 0.3, "elevation": 1.2}),
@@ -249,10 +249,18 @@ def untouched():
     return begun(Model(SOFT.law, SOFT.values))
 
 
-@pytest.mark.parametrize("name", ["tool-friction", "adhesion", "floor-slip"])
-def test_contact_is_found_by_simulating_it(name, untouched):
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("tool-friction", {}),
+        ("adhesion", {}),
+        ("floor-slip", {"slippery": 0.0}),
+        ("floor-slip", {"slippery": 5.0}),
+    ],
+)
+def test_contact_is_found_by_simulating_it(name, shape, untouched):
     """Their columns are differences of simulations: begun from another size, the true one is found."""
-    effect, (size, shape) = CATALOGUE[name], TRIED[name]
+    effect, (size, _) = CATALOGUE[name], TRIED[name]
     more = Model(SOFT.law, SOFT.values).more(effect, effect.trial, shape)
     hidden = begun(more, Cause(effect, size, shape))
     assert hidden.model.causes[0].coefficient == pytest.approx(size, rel=0.05)

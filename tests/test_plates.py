@@ -17,7 +17,7 @@ from form_drake.mpm.exchange import Scene
 from form_drake.mpm.plates import Face
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.stage import Stage
-from form_drake.mpm.tools import Motions, Tool
+from form_drake.mpm.tools import Grip, Motions, Tool
 
 DX, SIZE = 5e-3, np.array([0.02, 0.025, 0.03])
 SOFT = {"mu": 20e3, "lam": 30e3}
@@ -144,6 +144,28 @@ def test_friction_slows_what_slides():
     later = scene.advance(going, rest, 0.1)
     slowed = (mass @ (going.state.v - later.state.v))[0] / mass.sum()
     assert slowed == pytest.approx(0.2 * 9.81 * 0.1, rel=0.03)
+
+
+@pytest.mark.parametrize(("friction", "gained"), [(0.5, 0.0), (0.2, 3.0 - 0.2 * 9.81)])
+def test_what_is_tied_slides_where_friction_holds_no_more(friction, gained):
+    """On a floor that speeds up: by what its acceleration of 3 m/s^2 has beyond friction."""
+    scene, rest = standing("tied", gravity=(0.0, 0.0, -9.81))
+    made, begin = scene.simulation, scene.advance(scene.start(), rest, 0.2, 200.0)
+    made.tools.grip(0, Grip(friction, compliance=1e-9))
+
+    def moved(now, steps):
+        for n in steps:
+            way = np.array([[-1.5e-6 * n**2, 0.0, 0.0]]), np.array([[-3e-3 * (n + 0.5), 0.0, 0.0]])
+            now = scene.advance(now, replace(rest, p_WT=way[0], v_WT=way[1]), 1e-3)
+        return now
+
+    half = moved(begin, range(50))
+    end = moved(half, range(50, 100))
+    share = made.body.mass / made.body.mass.sum()
+    left = share @ (end.state.v - half.state.v)[:, 0] + 0.15  # of what the floor gained meanwhile
+    assert left == pytest.approx(0.05 * gained, rel=0.02, abs=2e-3)
+    again = moved(half, range(50, 100))  # a snapshot holds where things are held
+    assert np.array_equal(again.p_WQ, end.p_WQ) and np.array_equal(again.force, end.force)
 
 
 def test_columns_share_out_a_face():

@@ -35,7 +35,7 @@ def test_a_size_is_no_surer_than_its_simulation():
 def test_more_of_a_cause_is_one_cause_where_its_shape_is_the_same():
     plain = Model(LAWS["neo-hookean"], {"C10": 1.0, "kappa": 2.0})
     slip = CATALOGUE["floor-slip"]
-    twice = plain.more(slip, 1e-8, {}).more(slip, 2e-8, {})
+    twice = plain.more(slip, 1e-8, {"slippery": 0.0}).more(slip, 2e-8, {"slippery": 0.0})
     assert [c.coefficient for c in twice.causes] == [pytest.approx(3e-8)]
     at = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
     mass = CATALOGUE["added-mass"]

@@ -36,13 +36,16 @@ ADHESION = Effect(
 
 FLOOR_SLIP = Effect(
     id="floor-slip",
-    sentence="the floor does not hold the body: its foot slips",
+    sentence="the floor does not hold the body: its foot gives way, or slides where friction holds no more",
     unit="m/Pa",
     prior=(1e-9, 1e-5),
     column=None,
     trial=5e-8,
-    world=lambda scene, size, shape: replace(scene, slipping=scene.slipping + size),
+    world=lambda scene, size, shape: replace(
+        scene, slipping=scene.slipping + size, slippery=max(scene.slippery, shape["slippery"])
+    ),
     shown=("a push from the side",),
+    shapes={"slippery": (0.0, 2.5, 5.0, 9.0)},  # inverse of the friction coefficient
     signed=False,
     faces=("bonded",),
 )

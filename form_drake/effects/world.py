@@ -75,6 +75,7 @@ class World:
         friction: Coulomb's coefficient on faces that are stated to be frictionless.
         adhesion: tension that they bear [Pa].
         slipping: shear compliance of the bond to supports whose force is not measured [m/Pa].
+        slippery: inverse of the friction coefficient with them; zero or less: nothing slides.
         memories: of its stress, see ``form_drake.laws.memory``.
     """
 
@@ -89,6 +90,7 @@ class World:
     friction: float = 0.0
     adhesion: float = 0.0
     slipping: float = 0.0
+    slippery: float = 0.0
     memories: tuple[Memory, ...] = ()
 
     def added(self, name: str, **values: float) -> "World":

@@ -62,6 +62,7 @@ class State:
         tau: Kirchhoff stresses [Pa], shape [particles, 3, 3].
         slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
         face: see ``Plates.face``, [m], in double precision, shape [tools, columns, 3].
+        anchor: see ``Plates.anchor``, [m], shape [tools, columns, 3].
         step: steps made so far.
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].
@@ -78,6 +79,7 @@ class State:
     tau: np.ndarray
     slip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     face: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    anchor: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     step: int = 0
     parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))

@@ -119,12 +119,12 @@ class Plates:
 
         self._node, self._beside = (held((tools, self._most, k), int) for k in (3, 4))
         self._share = held((tools,), t.vec3)
-        self._at = held((tools, self._most), t.vec3)
+        self._anchor = held((tools, self._most), t.vec3)
         self._face = held(
             (tools, self._most), wp.vec3d
         )  # else slow drifts are rounded away, and stay
         self._area = held((tools, self._most), t.real)
-        self._still = self._face.read()
+        self._still, self._at = self._face.read(), self._anchor.read()
         self._node.write(-1)
 
     def put(self, faces: Mapping[int, Face], p_WT: np.ndarray, R_WT: np.ndarray) -> None:
@@ -138,18 +138,19 @@ class Plates:
             share[n], face[n, c] = own.share, own.place
             at[n, c] = (own.place - p_WT[n]) @ R_WT[n]
         pairs = zip(
-            (self._node, self._beside, self._area, self._share, self._at),
-            (node, beside, area, share, at),
+            (self._node, self._beside, self._area, self._share),
+            (node, beside, area, share),
             strict=True,
         )
         for target, value in pairs:
             target.write(value)
-        self._still = face
+        self._still, self._at = face, at
         self.release()
 
     def release(self) -> None:
-        """Let the faces be where they are at rest."""
+        """Let the faces be where they are at rest, and held there."""
         self._face.write(self._still)
+        self._anchor.write(self._at)
 
     @property
     def face(self) -> np.ndarray:
@@ -160,9 +161,18 @@ class Plates:
     def face(self, value: np.ndarray) -> None:
         self._face.write(value)
 
+    @property
+    def anchor(self) -> np.ndarray:
+        """Where in their frames plates hold what is tied [m], shape [tools, columns, 3]; it goes as that slides."""
+        return self._anchor.read()
+
+    @anchor.setter
+    def anchor(self, value: np.ndarray) -> None:
+        self._anchor.write(value)
+
     def launch(self, n: int, *, tied: bool, dx, where: list, grid, taken) -> None:
         """Launch what the n-th tool does to the nodes after forces."""
-        own = (self._node, self._share, self._at, self._area, self._beside, self._face)
+        own = (self._node, self._share, self._anchor, self._area, self._beside, self._face)
         inputs = [n, tied, dx, *where, *(held.array for held in own), grid, taken]
         wp.launch(constrain(self._precision), self._most, inputs, device=self._device)
 
@@ -232,7 +242,7 @@ def constrain(precision: str):
         grips: wp.array(dtype=t.vec4),
         node: wp.array3d(dtype=int),
         share: wp.array(dtype=vec3),
-        at: wp.array2d(dtype=vec3),
+        anchor: wp.array2d(dtype=vec3),
         area: wp.array2d(dtype=real),
         beside: wp.array3d(dtype=int),
         face: wp.array2d(dtype=wp.vec3d),
@@ -263,11 +273,18 @@ def constrain(precision: str):
         grip = grips[n]
         change = vec3()
         if tied:
-            off = arm - turn[n] * at[n, c]
+            off = arm - turn[n] * anchor[n, c]
             off_n = wp.dot(normal, off)
-            soft = grip[2] / (light * area[n, c] * dt * dt)
-            along = (u_t + (off - off_n * normal) / dt) / (real(1.0) + soft)
-            change = -(u_n + off_n / dt) * normal - along
+            off_t = off - off_n * normal
+            push = -(u_n + off_n / dt)
+            soft = real(1.0) + grip[2] / (light * area[n, c] * dt * dt)
+            along = (u_t + off_t / dt) / soft
+            size, most = wp.length(along), grip[0] * wp.max(push, real(0.0))
+            if grip[0] >= real(0.0) and size > most:
+                along = (most / size) * along
+                slid = off_t + dt * (u_t - soft * along)
+                anchor[n, c] = anchor[n, c] + wp.transpose(turn[n]) * slid
+            change = push * normal - along
         else:
             gap = wp.dot(normal, arm)
             push = -(gap / dt + u_n)

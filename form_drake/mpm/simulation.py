@@ -181,7 +181,7 @@ class Simulation:
         if self._held is None:
             arrays = {k: getattr(self, "_" + k).numpy().copy() for k in self._kept}
             if self.tools.plates is not None:
-                arrays["face"] = self.tools.plates.face
+                arrays |= {"face": self.tools.plates.face, "anchor": self.tools.plates.anchor}
             self._held = State(**arrays, slip=self.tools.slip, step=int(self._steps.numpy()[0]))
         return self._held
 
@@ -193,7 +193,7 @@ class Simulation:
         if state.slip.size:
             self.tools.slip = state.slip
         if self.tools.plates is not None:
-            self.tools.plates.face = state.face
+            self.tools.plates.face, self.tools.plates.anchor = state.face, state.anchor
         self._steps.fill_(state.step)
         self._fault.fill_(-1)
         self._held = state

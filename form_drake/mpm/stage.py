@@ -204,7 +204,7 @@ class _Play:
         share = np.clip(np.linspace(0.0, 1.0 / COMING, count + 1), 0.0, 1.0)
         motions = _motions([p.coming(share) for p in self.paths], np.full(count, PERIOD))
         scene.tie(motions[0])
-        self._grip(0.0, 0.0, 0.0)
+        self._grip(replace(world, friction=0.0, adhesion=0.0, slipping=0.0, slippery=0.0))
         snapshot = scene.start()
         if world.swelling:
             F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
@@ -214,17 +214,18 @@ class _Play:
         scene.simulation.set_memories(relaxed)
         snapshot, _ = scene.follow(snapshot, motions, np.full(count, PERIOD), CALM)
         scene.simulation.set_memories(world.memories)
-        self._grip(world.friction, world.adhesion, world.slipping)
+        self._grip(world)
         return snapshot
 
-    def _grip(self, friction: float, adhesion: float, slipping: float) -> None:
+    def _grip(self, world: World) -> None:
         """Say how tools hold: those that touch, those that bond, and supports among these."""
         tools = self.scene.simulation.tools
         for n, (tool, path) in enumerate(zip(self.scene.tools, self.paths, strict=True)):
             if tool.contact != "tied":
-                tools.grip(n, Grip(friction, adhesion))
+                tools.grip(n, Grip(world.friction, world.adhesion))
             elif path.tool not in self.recording.forces:
-                tools.grip(n, Grip(compliance=slipping))
+                friction = 1.0 / world.slippery if world.slippery > 0.0 else -1.0
+                tools.grip(n, Grip(friction, compliance=world.slipping))
 
     def recorded(self) -> Recording:
         """What would have been recorded."""

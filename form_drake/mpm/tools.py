@@ -52,7 +52,8 @@ class Grip:
     """How a tool holds material along its surface, and off it.
 
     Attributes:
-        friction: Coulomb's coefficient of a touching tool; negative: it cannot slip.
+        friction: Coulomb's coefficient of a tool that touches, or of a plate to what is tied to it, which
+            it holds across; negative: nothing can slip.
         adhesion: tension that a plate over the rest shape bears [Pa]; it fades over ``REACH`` of distance.
         compliance: of a layer in shear between a plate and what is tied to it [m/Pa].
     """
