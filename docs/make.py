@@ -43,6 +43,7 @@ BENCHES = (
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     name: import_module(f"form_drake.bench.{name.replace('-', '_')}").table for name in BENCHES
 }
+TABLES["speed-cuda"] = TABLES["speed"]
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
 API = {
@@ -467,6 +468,8 @@ def with_benchmarks(text: str, results: list[dict[str, Any]]) -> str:
     """benchmarks.md with the tables of some results in their places."""
     for result in results:
         name = result.get("bench", "speed" if "job" in result else None)
+        if name == "speed" and result["clock"] != "CPU time":
+            name = "speed-cuda"
         if result.get("method") == "weak":
             name = f"{name}-weak"
         if name not in TABLES:
