@@ -42,7 +42,7 @@ TRIED = {  # size of the coefficient, and the shape
     "hardening": (0.2, {"strain": 0.01, "growth": 0.5}),
     "stiffening": (3e3, {}),
     "anisotropy": (4e3, {"azimuth": 0.5, "elevation": 0.7}),
-    "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.015, "radius": 0.007}),
+    "inclusion": (0.1, {"x": 0.0, "y": -0.001, "z": 0.015, "radius": 0.0085}),
     "eigenstrain": (1e-3, {}),
     "gravity-tilt": (0.05, {"azimuth": 0.4}),
     "density": (0.1, {}),
@@ -137,7 +137,7 @@ def recording():
     return standing("bonded", SIZE[2] - stroke, X, t, t)
 
 
-STAGE = Stage(recording(), DX, apart=0.7, precision="float64")
+STAGE = Stage(recording(), 1.4 * DX, precision="float64")
 
 
 def read(made: Recording, motion: Motion) -> ProbeReading:

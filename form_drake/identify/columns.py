@@ -59,9 +59,10 @@ class Columns:
         return wp.array(value, dtype=dtype, device=self.device)
 
     def _scattered(self, x, v, C, tau):
-        dx = self._t.real(self.solver.dx)
+        dx, whole = self._t.real(self.solver.dx), self._t.real(1.0)
         self._grid.zero_()
-        inputs = [x, v, C, tau, self._mass, self._volume, self._unit, dx, self._nodes, self._grid]
+        particles = [x, v, C, tau, self._mass, self._volume, whole]
+        inputs = [*particles, self._unit, dx, self._nodes, self._grid]
         wp.launch(self._scatter, dim=len(x), inputs=inputs, device=self.device)
         return self._grid
 

@@ -55,7 +55,7 @@ _FRAME = """
 """
 
 _SCATTER = """
-    const lanes m = row(12), flux = 4.0f / (dx * dx) * clock.data[0].c[0] * row(13);
+    const lanes m = share * row(12), flux = 4.0f / (dx * dx) * clock.data[0].c[0] * row(13);
     lanes T[9], back[9], tau[9], U[3], A[9];
     EACH(n, 9) {
         T[n] = load(whole, 9, n);
@@ -127,30 +127,38 @@ _GATHER = """
             rate[3 * a + 2] = fma(w[i], r[a], rate[3 * a + 2]);
         }
     }
-    lanes T[9], back[9], F[9], l[9], x[3], now[9];
+    lanes T[9], back[9], F[9], l[9], now[9], low_F[9];
+    double x[8][3]; // in single precision, what is slow would be rounded away
     EACH(n, 9) {
         rate[n] *= 4.0f / dx;
         T[n] = load(whole, 9, n);
         F[n] = load(elastic, 9, n);
+        low_F[n] = load(lost, 9, n);
     }
     inverse(T, back);
     EACH(a, 3) EACH(b, 3) l[3 * a + b] = product(rate + 3 * a, back + b, 3);
-    EACH(a, 3) EACH(b, 3) now[3 * a + b] = F[3 * a + b] + dt * product(l + 3 * a, F + b, 3);
+    EACH(a, 3) EACH(b, 3) {
+        const int n = 3 * a + b;
+        const lanes more = dt * product(l + 3 * a, F + b, 3) + low_F[n];
+        now[n] = F[n] + more;
+        low_F[n] = more - (now[n] - F[n]);
+    }
     EACH(n, 9) T[n] += dt * rate[n];
-    EACH(a, 3) x[a] = load(place, 3, a) + dt * u[a];
+    EACH(k, 8) EACH(a, 3) x[k][a] = ((double*)(place.data + own[k]))[a] + dt * u[a][k];
     EACH(k, 8) {
         const int p = own[k];
         EACH(n, 9) {
             ((float*)(whole.data + p))[n] = T[n][k];
             ((float*)(elastic.data + p))[n] = now[n][k];
+            ((float*)(lost.data + p))[n] = low_F[n][k];
             ((float*)(L.data + p))[n] = l[n][k];
             ((float*)(C.data + p))[n] = rate[n][k];
         }
         EACH(a, 3) ((float*)(v.data + p))[a] = u[a][k];
         bool inside = true;
-        EACH(a, 3) inside = inside && x[a][k] >= low[a] && x[a][k] <= high[a];
+        EACH(a, 3) inside = inside && x[k][a] >= low[a] && x[k][a] <= high[a];
         if (inside) {
-            EACH(a, 3) ((float*)(place.data + p))[a] = x[a][k];
+            EACH(a, 3) ((double*)(place.data + p))[a] = x[k][a];
         } else if (fault.data[0] < 0) {
             fault.data[0] = p;
             fault.data[1] = steps.data[0];
@@ -210,10 +218,9 @@ class Eights:
             wp.array(weight.reshape(-1, 4).astype(np.float32), dtype=t.vec4, device="cpu"),
         )
 
-    def scatter(self, grid: wp.array, v, C, tau, T, clock, dx, nodes) -> None:
-        """Launch what makes the grid anew: mass, momentum, and the impulses of tau."""
-        wp.copy(grid, self.mass)
-        inputs = [self.first, self.member, self.table, grid, v, C, tau, T, clock, dx, nodes]
+    def scatter(self, grid: wp.array, v, C, tau, T, share, clock, dx, nodes) -> None:
+        """Launch what gives nodes, beside their mass, a share of momentum and the impulses of tau."""
+        inputs = [self.first, self.member, self.table, grid, v, C, tau, T, share, clock, dx, nodes]
         wp.launch(_kernels()[0], dim=len(self.first), inputs=inputs, device="cpu")
 
     def gather(self, grid: wp.array, *inputs) -> None:
@@ -239,6 +246,7 @@ def _kernels():
         C: wp.array(dtype=mat),
         stress: wp.array(dtype=mat),
         whole: wp.array(dtype=mat),
+        share: real,
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -256,11 +264,12 @@ def _kernels():
         nodes: wp.vec3i,
         low: vec3,
         high: vec3,
-        place: wp.array(dtype=vec3),
+        place: wp.array(dtype=wp.vec3d),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=mat),
         L: wp.array(dtype=mat),
         elastic: wp.array(dtype=mat),
+        lost: wp.array(dtype=mat),
         whole: wp.array(dtype=mat),
         fault: wp.array(dtype=int),
         steps: wp.array(dtype=int),
@@ -276,11 +285,12 @@ def _kernels():
         C: wp.array(dtype=mat),
         tau: wp.array(dtype=mat),
         T: wp.array(dtype=mat),
+        share: real,
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
     ):
-        scatter(wp.tid(), first, member, table, grid, v, C, tau, T, clock, dx, nodes)
+        scatter(wp.tid(), first, member, table, grid, v, C, tau, T, share, clock, dx, nodes)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gathering(
@@ -293,11 +303,12 @@ def _kernels():
         nodes: wp.vec3i,
         low: vec3,
         high: vec3,
-        x: wp.array(dtype=vec3),
+        x: wp.array(dtype=wp.vec3d),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=mat),
         L: wp.array(dtype=mat),
         F: wp.array(dtype=mat),
+        lost: wp.array(dtype=mat),
         T: wp.array(dtype=mat),
         fault: wp.array(dtype=int),
         steps: wp.array(dtype=int),
@@ -319,6 +330,7 @@ def _kernels():
             C,
             L,
             F,
+            lost,
             T,
             fault,
             steps,

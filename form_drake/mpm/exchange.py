@@ -197,7 +197,7 @@ class Scene:
 
 
 def region_around(
-    body: np.ndarray, room: np.ndarray, dx: float, halfway: Mapping[int, float]
+    body: np.ndarray, room: np.ndarray, dx: float, places: Mapping[int, float], phase: float = 0.5
 ) -> np.ndarray:
     """Corners [m] of a region with room around a box, shape [2, 3].
 
@@ -208,12 +208,13 @@ def region_around(
         body: lower and upper corner of the box [m], shape [2, 3].
         room: left on either side along each axis [m], shape [3].
         dx: grid spacing [m].
-        halfway: by axis, a coordinate [m] that is to lie half-way between nodes, as the face of a
-            clamp should.
+        places: by axis, a coordinate [m] that is to lie a ``phase`` beyond a node: half-way to the next,
+            as the face of a clamp should, or a quarter, as those of plates should.
+        phase: in cells.
     """
     low, high = body[0] - room, body[1] + room
     odd = np.rint((body[1] - body[0]) / dx) % 2.0
     low -= ((0.5 * odd - (0.5 * (body[0] + body[1]) - low) / dx) % 1.0) * dx
-    for axis, place in halfway.items():
-        low[axis] -= ((0.5 - (place - low[axis]) / dx) % 1.0) * dx
+    for axis, place in places.items():
+        low[axis] -= ((phase - (place - low[axis]) / dx) % 1.0) * dx
     return np.stack([low, high])

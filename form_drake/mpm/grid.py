@@ -1,4 +1,12 @@
-"""The grid of a simulation: particles give it momentum, it steps, and particles go with it."""
+"""The grid of a simulation: particles give it momentum, it steps, and particles go with it.
+
+Over the rest shape the nodes are the same from step to step, and keep their velocities: particles give them
+only a share anew. What particles hardly see of these, such as what differs in sign from node to node, would
+be lost in every step if all came from particles (APIC, the share 1): it would creep, by dt f/m in a step,
+and a body that has been pressed would keep stresses for tenths of a second. With none it would ring.
+"""
+
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -21,10 +29,11 @@ class Grid:
         body: all particles.
         mass: of them, on the device.
         total: whether the grid is laid over the rest shape; its particles keep their nodes.
+        share: of the velocities of such a grid that particles give anew in a step.
         device: Warp device.
     """
 
-    def __init__(self, solver: Solver, body: Body, mass, total: bool, device: str):
+    def __init__(self, solver: Solver, body: Body, mass, total: bool, share: float, device: str):
         t, n, nodes = types(solver.precision), len(body.x), solver.nodes
         dtype = np.float32 if solver.precision == "float32" else np.float64
         self.nodes = wp.vec3i(*nodes)
@@ -47,6 +56,7 @@ class Grid:
         if total and single and wp.get_device(device).is_cpu:
             own = body.x, body.mass, np.broadcast_to(body.volume, n)
             self._eights = Eights.of(*own, solver.dx, nodes)
+        self._share = t.real(share if total else 1.0)
 
     def _domain(self) -> tuple[np.ndarray, np.ndarray]:
         """Ends of where particles may be [m]."""
@@ -57,17 +67,50 @@ class Grid:
         edges = (0.5, 1.5) if margin is None else (margin, margin)
         return np.full(3, edges[0] * dx), extent - edges[1] * dx
 
-    def scatter(self, x, v, C, tau, T, clock) -> None:
-        """Particles give mass, momentum, and what their stress does in a step."""
+    def begin(self, x, v, C, T) -> None:
+        """Over the rest shape: let nodes have the velocities of the particles."""
+        own, device = types(self._solver.precision), self._device
+        still = wp.zeros(1, dtype=own.vec4, device=device)
+        self.values.zero_()
         if self._eights is not None:
-            self._eights.scatter(self.values, v, C, tau, T, clock, self._dx, self.nodes)
+            wp.copy(self.values, self._eights.mass)
+        self._particles(own.real(1.0), x, v, C, wp.zeros_like(C), T, still)
+        self._boundary.step(self.values, still, wp.zeros(1, dtype=int, device=device))
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Of the nodes [m/s], shape [nodes, 3], after a step."""
+        return self.values.numpy()[:, :3].copy()
+
+    @velocity.setter
+    def velocity(self, value: np.ndarray) -> None:
+        now = self.values.numpy().copy()
+        now[:, :3] = value
+        self.values.assign(now)
+
+    def scatter(self, x, v, C, tau, T, clock, decay) -> None:
+        """Particles give mass, momentum, and what their stress does in a step.
+
+        ``decay`` [1/s] is the rate at which what nodes keep of their velocity decays.
+        """
+        if self._total:
+            stays = self._eights is not None
+            kept = [self.values, clock, decay, self._share, stays]
+            self._launch(keep(self._solver.precision), len(self.values), kept)
+        else:
+            self.values.zero_()
+        self._particles(self._share, x, v, C, tau, T, clock)
+
+    def _particles(self, share, x, v, C, tau, T, clock) -> None:
+        if self._eights is not None:
+            own = [self.values, v, C, tau, T, share, clock]
+            self._eights.scatter(*own, self._dx, self.nodes)
             return
         place, flux = x, tau
-        self.values.zero_()
         if self._total:
             place, flux = self._rest, self._flux
             self._launch(pulled(self._solver.precision), len(x), [tau, T, flux])
-        particles = [place, v, C, flux, self._mass, self._volume]
+        particles = [place, v, C, flux, self._mass, self._volume, share]
         domain = [clock, self._dx, self.nodes, self.values]
         self._launch(self._kernels[0], len(x), [*particles, *domain])
 
@@ -75,10 +118,10 @@ class Grid:
         """Momentum becomes velocity; ``steps`` counts the step."""
         self._boundary.step(self.values, clock, steps)
 
-    def gather(self, x, v, C, L, F, T, fault, steps, clock) -> None:
+    def gather(self, x, v, C, L, F, lost, T, fault, steps, clock) -> None:
         """Particles go on with the velocities of the grid."""
         domain = [self.values, clock, self._dx, self.nodes, self._low, self._high]
-        moved = [x, v, C, L, F, T, fault, steps]
+        moved = [x, v, C, L, F, lost, T, fault, steps]
         if self._eights is not None:
             self._eights.gather(*domain, *moved)
             return
@@ -87,3 +130,27 @@ class Grid:
 
     def _launch(self, kernel, dim, inputs) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
+
+
+@cache
+def keep(precision: str):
+    """Kernel: velocities of the last step to the momentum that nodes keep; mass ``stays`` or comes anew."""
+    t = types(precision)
+    real = t.real
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        grid: wp.array(dtype=t.vec4),
+        clock: wp.array(dtype=t.vec4),
+        decay: wp.array(dtype=real),
+        share: real,
+        stays: wp.bool,
+    ):
+        i = wp.tid()
+        g = grid[i]
+        m = (real(1.0) - share) * g[3]
+        if decay[0] > real(0.0):
+            m = m * wp.exp(-decay[0] * clock[0][0])
+        grid[i] = t.vec4(m * g[0], m * g[1], m * g[2], wp.where(stays, g[3], real(0.0)))
+
+    return kernel

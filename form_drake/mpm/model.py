@@ -63,10 +63,13 @@ class State:
         slip: see ``Tools.slip``, [m], shape [tools, particles, 3].
         face: see ``Plates.face``, [m], in double precision, shape [tools, columns, 3].
         anchor: see ``Plates.anchor``, [m], shape [tools, columns, 3].
+        grid: velocities of the nodes, of a grid over the rest shape [m/s], shape [nodes, 3]; none: those of
+            the particles.
         step: steps made so far.
         parts: elastic parts that are remembered, shape [memories, particles, 3, 3].
         plastic: their plastic strains, shape [memories, particles].
         T: deformation gradients since rest, of a grid over the rest shape, shape [particles, 3, 3].
+        lost: what sums of F have lost to rounding, on such a grid, shape [particles, 3, 3].
         late: velocity gradients that lag, of such a grid [1/s], shape [2, particles, 3, 3].
         felt: those that viscosity feels [1/s], shape [particles, 3, 3].
     """
@@ -80,10 +83,12 @@ class State:
     slip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     face: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     anchor: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    grid: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     step: int = 0
     parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     plastic: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     T: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    lost: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     late: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 3, 3)))
     felt: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 

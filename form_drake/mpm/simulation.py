@@ -16,6 +16,7 @@ from form_drake.mpm.model import Body, State, joined, spring, stable_dt
 from form_drake.mpm.pace import STEPS, Pace
 from form_drake.mpm.tools import Tool, Tools
 from form_drake.mpm.touch import decay
+from form_drake.mpm.transfer import place_type
 from form_drake.records.solver import Solver
 
 __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
@@ -23,6 +24,10 @@ __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
 GRAPHS = (5, 1)  # steps that one launch makes: longer graphs take longer to record than they save
 
 _capture_lock = threading.Lock()
+
+# Share of the grid's velocities over the rest shape that particles give anew in a step, see ``grid``; with
+# tools that push particles all, as these would swing.
+TAKEN = 0.03
 
 
 class BlowUp(ValueError):
@@ -90,14 +95,16 @@ class Simulation:
     def _allocate(self) -> None:
         t, solver, n = self._t, self.solver, len(self.body.x)
         self._mass = self._array(self.body.mass, t.real)
-        self.grid = Grid(solver, self.body, self._mass, self.total, self.device)
+        share = 1.0 if self.tools.touch else TAKEN
+        self.grid = Grid(solver, self.body, self._mass, self.total, share, self.device)
         self._half = self._array(self.body.half, t.vec3)
-        self._x = self._array(self.body.x, t.vec3)
-        self._v = wp.zeros_like(self._x)
+        self._x = wp.zeros(n, dtype=place_type(solver.precision, self.total), device=self.device)
+        self._v = wp.zeros(n, dtype=t.vec3, device=self.device)
         self._C = wp.zeros(n, dtype=t.mat, device=self.device)
         own = self.total or solver.gradient == "exact"
         self._L = wp.zeros_like(self._C) if own else self._C
         self._F = self._array(np.tile(np.eye(3), (n, 1, 1)), t.mat)
+        self._lost = wp.zeros(n if self.total else 0, dtype=t.mat, device=self.device)
         self._tau = wp.zeros_like(self._C)
         self._felt = wp.zeros_like(self._L) if self._lags else self._L
         self._late = wp.zeros((2, n if self._lags else 0), dtype=t.mat, device=self.device)
@@ -151,7 +158,7 @@ class Simulation:
         F = state.get("F", eye)
         self._write(x=x, v=v, C=C, L=state.get("L", C), F=F)
         if self.total:
-            self._write(T=state.get("T", eye))
+            self._write(T=state.get("T", eye), lost=zero)
         if self.memories:
             self._write(parts=np.tile(F, (len(self.memories), 1, 1, 1)))
             self._plastic.zero_()
@@ -161,18 +168,21 @@ class Simulation:
         self._project.zero_()
         self._launch_update()
         self._project.fill_(1)
+        if self.total:
+            self.grid.begin(self._x, self._v, self._C, self._T)
 
     def _write(self, **arrays: np.ndarray) -> None:
         self._held = None
         for name, value in arrays.items():
             target = getattr(self, "_" + name)
-            target.assign(np.ascontiguousarray(value, dtype=self._dtype))
+            double = name == "x" and self.total
+            target.assign(np.ascontiguousarray(value, dtype=float if double else self._dtype))
 
     @property
     def _kept(self) -> tuple[str, ...]:
         """Arrays of the particles that a snapshot holds."""
         kept = ("x", "v", "C", "L", "F", "tau")
-        kept += ("T",) if self.total else ()
+        kept += ("T", "lost") if self.total else ()
         kept += ("late", "felt") if self._lags else ()
         return (*kept, "parts", "plastic") if self.memories else kept
 
@@ -180,6 +190,8 @@ class Simulation:
         """Snapshot of everything that the next step reads; its arrays are not written again."""
         if self._held is None:
             arrays = {k: getattr(self, "_" + k).numpy().copy() for k in self._kept}
+            if self.total:
+                arrays["grid"] = self.grid.velocity
             if self.tools.plates is not None:
                 arrays |= {"face": self.tools.plates.face, "anchor": self.tools.plates.anchor}
             self._held = State(**arrays, slip=self.tools.slip, step=int(self._steps.numpy()[0]))
@@ -190,6 +202,10 @@ class Simulation:
         if state is self._held:
             return
         self._write(**{k: getattr(state, k) for k in self._kept})
+        if self.total:
+            self.grid.begin(self._x, self._v, self._C, self._T)
+        if state.grid.size:
+            self.grid.velocity = state.grid
         if state.slip.size:
             self.tools.slip = state.slip
         if self.tools.plates is not None:
@@ -245,11 +261,11 @@ class Simulation:
             self._launch(decay(self.solver.precision), n, calmed)
             moved = [self._x, self._v, self._C, self._T]
             tools.push(clock, dx, *moved, self._mass, self._half)
-        grid.scatter(self._x, self._v, self._C, self._tau, self._T, clock)
+        grid.scatter(self._x, self._v, self._C, self._tau, self._T, clock, self._damping)
         grid.step(clock, self._steps)
         if tools.tools:
             tools.hold(clock, dx, grid.nodes, grid.values)
-        moved = [self._x, self._v, self._C, self._L, self._F, self._T]
+        moved = [self._x, self._v, self._C, self._L, self._F, self._lost, self._T]
         grid.gather(*moved, self._fault, self._steps, clock)
         self._launch_update()
 

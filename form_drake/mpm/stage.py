@@ -26,6 +26,7 @@ PERIOD = 2e-3  # longest time [s] for which tools go straight on
 SETTLING = 0.15  # time [s] that the body is given to come to rest
 COMING = 0.5  # of it, in which tools come to where they begin: what yields remembers a sudden one
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
+QUARTER = 0.25  # of a cell, by which faces lie beyond a node
 LEVELS = 8  # of stiffness across the edge of an inclusion
 
 # places [m] and orientations, shapes [times, 3] and [times, 3, 3]
@@ -39,14 +40,12 @@ class Stage:
     Attributes:
         recording: of a block whose box, faces, and poses of tools that touch it are stated.
         dx: grid spacing [m].
-        apart: distance of particles at rest as a share of it.
         precision: ``float32`` or ``float64``.
         device: Warp device.
     """
 
     recording: Recording
     dx: float
-    apart: float = 0.5
     precision: str = "float32"
     device: str = "cpu"
 
@@ -61,7 +60,7 @@ class Stage:
 
     @property
     def spacing(self) -> float:
-        """Of the grid [m]: near ``dx``, so that bonded faces lie half-way between nodes."""
+        """Of the grid [m]: near ``dx``, so that held faces lie a quarter of a cell off nodes."""
         return self._grid(self._shape, self._held(self._shape))[0]
 
     def rolled(self, world: World) -> Recording:
@@ -81,13 +80,15 @@ class Stage:
         shape = self._shape
         held = self._held(shape)
         paths = [_Path.of(self.recording, shape, face) for face in held]
-        dx, halfway = self._grid(shape, held)
+        dx, places = self._grid(shape, held)
         bodies = self._bodies(world, shape, dx)
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
             [_tool(face) for face in held],
-            region=region_around(np.stack([shape.low, shape.high]), np.zeros(3), dx, halfway),
+            region=region_around(
+                np.stack([shape.low, shape.high]), np.zeros(3), dx, places, QUARTER
+            ),
             dx=dx,
             gravity=world.gravity,
             mass_scale=self.recording.mass_scale,
@@ -123,26 +124,24 @@ class Stage:
         return [f for f in shape.faces if f.condition != "free"]
 
     def _grid(self, shape: Shape, held: list[Face]) -> tuple[float, dict[int, float]]:
-        """A spacing near ``dx`` [m], and places half-way between nodes [m], by axis.
+        """A spacing near ``dx`` [m], and places a quarter of a cell off nodes [m], by axis.
 
-        How stiff a bonded layer is depends on where it lies between rows of nodes: so bonded faces lie
-        half-way, both of a pair if there is one.
+        There, with two particles to a cell, what a plate gives nodes is what an even stress gives them:
+        it stays even. So half-cells fit the edge of the body between the first pair of held faces.
         """
         dx, places = self.dx, dict[int, float]()
         for face in held:
-            if face.condition != "bonded":
-                continue
-            if face.axis in places:
-                apart = float((shape.high - shape.low)[face.axis])
-                dx = apart / max(round(apart / self.dx), 1)
-            else:
-                places[face.axis] = float((shape.low, shape.high)[face.side][face.axis])
+            if not places:
+                edge = float((shape.high - shape.low)[face.axis])
+                half = edge / max(round(2.0 * edge / self.dx), 2)
+                dx = 2.0 * half
+            places.setdefault(face.axis, float((shape.low, shape.high)[face.side][face.axis]))
         return dx, places
 
     def _bodies(self, world: World, shape: Shape, dx: float) -> list[tuple[Material, Body]]:
         """Parts of the body by material."""
         size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
-        whole = block(middle, size, self.apart * dx, world.density)
+        whole = block(middle, size, 0.5 * dx, world.density)
         density = np.full(len(whole.x), world.density)
         for one in world.masses:
             density += one.mass * one.ball.spread(whole.x, whole.volume) / whole.volume

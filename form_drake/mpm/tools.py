@@ -126,6 +126,11 @@ class Tools:
         self._solids = [tool.solid.struct(precision, device) for tool in tools]
         self.move(Motions.at_rest(np.full((n, 3), 1e3)))
 
+    @property
+    def touch(self) -> bool:
+        """Whether any of them pushes particles."""
+        return any(tool.contact != "bonded" and not tool.plate for tool in self.tools)
+
     def move(self, motions: Motions) -> None:
         """Set places and velocities; from there on every step carries the tools on."""
         for target, value in zip(self._motion, vars(motions).values(), strict=True):

@@ -24,6 +24,7 @@ import warp as wp
 
 from form_drake.laws.kernels import types
 from form_drake.mpm.solids import distance, solid_type
+from form_drake.mpm.transfer import place_type
 
 # Share of its depth that a particle is pushed out by in one step. Since a step's depth carries the
 # load, a small one is a soft surface; 1 lets what hits the tool bounce back.
@@ -51,6 +52,7 @@ def impulse(precision: str):
 def contact(precision: str, total: bool = False):
     """Kernel of the impulses between the particles and one tool."""
     t = types(precision)
+    where = place_type(precision, total)
     real, vec3 = t.real, t.vec3
     far, Struct, give = distance(precision), solid_type(precision), impulse(precision)
     beta, learn = wp.constant(real(BETA)), wp.constant(real(LEARN))
@@ -68,7 +70,7 @@ def contact(precision: str, total: bool = False):
         clock: wp.array(dtype=t.vec4),
         grips: wp.array(dtype=t.vec4),
         dx: real,
-        x: wp.array(dtype=vec3),
+        x: wp.array(dtype=where),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
         T: wp.array(dtype=t.mat),
@@ -79,7 +81,7 @@ def contact(precision: str, total: bool = False):
     ):
         begin = many * wp.tid()
         for p in range(begin, wp.min(begin + many, len(x))):
-            r = x[p] - place[n]
+            r = vec3(real(x[p][0]), real(x[p][1]), real(x[p][2])) - place[n]
             near = far(solid, wp.transpose(turn[n]) * r)
             grip = grips[n]
             normal = turn[n] * vec3(near[0], near[1], near[2])

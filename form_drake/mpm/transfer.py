@@ -47,7 +47,7 @@ def node_index(i: int, j: int, k: int, nodes: wp.vec3i):
 
 @cache
 def p2g(gradient: str, precision: str):
-    """Kernel that scatters mass, momentum and the impulse dt f of the Kirchhoff stress tau."""
+    """Kernel that scatters mass, a share of momentum, and the impulse dt f of the Kirchhoff stress tau."""
     t = types(precision)
     real, vec3, vec4 = t.real, t.vec3, t.vec4
     first, offset = stencil(precision)
@@ -65,6 +65,7 @@ def p2g(gradient: str, precision: str):
         tau: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         volume: wp.array(dtype=real),
+        share: real,
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -77,11 +78,13 @@ def p2g(gradient: str, precision: str):
         w = weights(f)
         m = mass[p]
         dt = clock[0][0]
-        affine = dx * (m * C[p] - (real(4.0) * inverse * inverse * dt * volume[p]) * tau[p])
+        affine = dx * (
+            (share * m) * C[p] - (real(4.0) * inverse * inverse * dt * volume[p]) * tau[p]
+        )
         along0 = column(affine, 0)
         along1 = column(affine, 1)
         along2 = column(affine, 2)
-        u = m * v[p] - affine * f
+        u = (share * m) * v[p] - affine * f
         start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
             at_i = axpy(real(int(i)), along0, start)
@@ -101,6 +104,7 @@ def p2g(gradient: str, precision: str):
         tau: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         volume: wp.array(dtype=real),
+        share: real,
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -117,11 +121,11 @@ def p2g(gradient: str, precision: str):
         force0 = column(impulse, 0)
         force1 = column(impulse, 1)
         force2 = column(impulse, 2)
-        affine = (dx * m) * C[p]
+        affine = (dx * share * m) * C[p]
         along0 = column(affine, 0)
         along1 = column(affine, 1)
         along2 = column(affine, 2)
-        u = m * v[p] - affine * f
+        u = (share * m) * v[p] - affine * f
         start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
             at_i = axpy(real(int(i)), along0, start)
@@ -140,16 +144,26 @@ def p2g(gradient: str, precision: str):
     return {"mls": mls, "exact": exact}[gradient]
 
 
+def place_type(precision: str, total: bool):
+    """Type of a particle's place: over the rest shape, where nothing reads it, in double precision.
+
+    Else what is slow would be rounded away.
+    """
+    return wp.vec3d if total else types(precision).vec3
+
+
 @cache
-def _advance(precision: str):
+def _advance(precision: str, total: bool):
     """Warp function that moves a particle, or enters it as the first fault of the step."""
-    t = types(precision)
-    vec3 = t.vec3
+    vec3, place = types(precision).vec3, place_type(precision, total)
+    real = wp.float64 if total else types(precision).real
 
     @wp.func
-    def lost(x: vec3, low: vec3, high: vec3):
-        inside = x[0] >= low[0] and x[1] >= low[1] and x[2] >= low[2]
-        return not (inside and x[0] <= high[0] and x[1] <= high[1] and x[2] <= high[2])
+    def lost(x: place, low: vec3, high: vec3):
+        inside = bool(True)
+        for a in range(3):
+            inside = inside and x[a] >= real(low[a]) and x[a] <= real(high[a])
+        return not inside
 
     @wp.func
     def advance(
@@ -158,13 +172,14 @@ def _advance(precision: str):
         low: vec3,
         high: vec3,
         held: wp.bool,
-        x: wp.array(dtype=vec3),
+        x: wp.array(dtype=place),
         fault: wp.array(dtype=int),
         steps: wp.array(dtype=int),
     ):
-        new = x[p] + step
-        if held and wp.isfinite(new):
-            new = wp.min(wp.max(new, low), high)
+        new = x[p] + place(real(step[0]), real(step[1]), real(step[2]))
+        if wp.static(not total):
+            if held and wp.isfinite(new):
+                new = wp.min(wp.max(new, low), high)
         if lost(new, low, high):
             if wp.atomic_cas(fault, 0, -1, p) == -1:
                 fault[1] = steps[0]
@@ -201,7 +216,8 @@ def g2p(gradient: str, precision: str, total: bool = False):
     first, offset = stencil(precision)
     nine = plane(precision)
     blend, moment = sums(precision)
-    advance = _advance(precision)
+    where = place_type(precision, total)
+    advance = _advance(precision, total)
 
     @wp.func
     def columns(a: vec4, b: vec4, c: vec4):
@@ -219,11 +235,12 @@ def g2p(gradient: str, precision: str, total: bool = False):
         high: vec3,
         held: wp.bool,
         place: wp.array(dtype=vec3),
-        x: wp.array(dtype=vec3),
+        x: wp.array(dtype=where),
         v: wp.array(dtype=vec3),
         C: wp.array(dtype=t.mat),
         L: wp.array(dtype=t.mat),
         F: wp.array(dtype=t.mat),
+        lost: wp.array(dtype=t.mat),
         T: wp.array(dtype=t.mat),
         fault: wp.array(dtype=int),
         steps: wp.array(dtype=int),
@@ -257,7 +274,12 @@ def g2p(gradient: str, precision: str, total: bool = False):
             L[p] = rate
         v[p] = u
         C[p] = affine
-        F[p] = F[p] + dt * (rate * F[p])
+        now = F[p]
+        more = dt * (rate * now)
+        if wp.static(total):
+            more = more + lost[p]
+            lost[p] = more - ((now + more) - now)
+        F[p] = now + more
         advance(p, dt * u, low, high, held, x, fault, steps)
 
     return kernel
