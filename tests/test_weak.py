@@ -465,8 +465,7 @@ def test_an_error_that_all_rows_share_is_part_of_their_covariance():
     noise, rows = [p @ p.T for p in parts], np.eye(19)
     errors = [5.0 * rng.standard_normal(19), np.append(rng.standard_normal(7), np.zeros(12))]
     by = Weights(tuple(map(np.linalg.cholesky, noise)), 0.0)
-    for error in errors:
-        by = by.beside(error)
+    by = by.beside(errors[0][:, None]).beside(errors[1][:, None])
     whole, found = np.zeros((19, 19)), by.white(rows)
     for n, own in enumerate((slice(0, 7), slice(7, 19))):
         whole[own, own] = noise[n] + sum(np.outer(e[own], e[own]) for e in errors)

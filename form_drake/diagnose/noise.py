@@ -58,6 +58,19 @@ def layer_error(probe: Probe, dx: float) -> np.ndarray:
     return total[np.ix_(probe.keep, probe.keep)]
 
 
+def by_field(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """An error of all rows as one of every test field, shape [rows, fields of all probes].
+
+    What a grid has wrong keeps its course in time and differs from place to place: of two grids one
+    tells how large it is there, not how much of it is left.
+    """
+    labels = [(n, row.field) for n, p in enumerate(problem.probes) for row in p.labels]
+    fields = {label: n for n, label in enumerate(dict.fromkeys(labels))}
+    found = np.zeros((len(error), len(fields)))
+    found[np.arange(len(error)), [fields[label] for label in labels]] = error
+    return found
+
+
 def weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
     """Inverse covariance of noise, and of what simulations have wrong at held faces."""
     noise = problem.noise(*problem.coordinates(model.values))

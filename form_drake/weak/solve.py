@@ -23,13 +23,13 @@ class Weights:
     Attributes:
         factors: Cholesky factors L of the covariance of each probe's rows, probes being independent.
         error: model error as a share of the size of each row.
-        shared: errors e that all rows of a probe share beside it, of one standard deviation [rows]:
-            the covariance is L L^T + sum e e^T.
+        shared: errors e that all rows of a probe share beside it, of one standard deviation, shape
+            [rows, errors]: the covariance is L L^T + sum e e^T. None: there are none.
     """
 
     factors: tuple[np.ndarray, ...]
     error: float
-    shared: tuple[np.ndarray, ...] = ()
+    shared: np.ndarray | None = None
 
     @cached_property
     def _ends(self) -> list[int]:
@@ -37,61 +37,60 @@ class Weights:
 
     def of(self, probe: int) -> "Weights":
         """Those of one probe's rows."""
-        shared = tuple(np.split(e, self._ends)[probe] for e in self.shared)
-        return Weights((self.factors[probe],), self.error, shared)
+        return Weights((self.factors[probe],), self.error, self._errors[probe])
 
     def white(self, a: np.ndarray) -> np.ndarray:
         """a in units of the standard deviation of independent rows."""
         pairs = zip(self.factors, np.split(a, self._ends), self._lines, strict=True)
         found = []
-        for factor, part, lines in pairs:
+        for factor, part, (lines, sizes) in pairs:
             white = solve_triangular(factor, part, lower=True)
-            for line, own in lines:  # (I + w w^T)^(-1/2)
-                share = 1.0 - 1.0 / np.sqrt(1.0 + own)
-                white = white - np.multiply.outer(line, share * (line @ white))
-            found.append(white)
+            share = 1.0 / np.hypot(1.0, sizes) - 1.0  # (I + U s^2 U^T)^(-1/2) = I + U share U^T
+            found.append(white + (lines * share) @ (lines.T @ white))
         return np.concatenate(found)
 
     def coloured(self, a: np.ndarray) -> np.ndarray:
         """The rows that are white as ``a``."""
         pairs = zip(self.factors, np.split(a, self._ends), self._lines, strict=True)
         found = []
-        for factor, white, lines in pairs:
-            part = white
-            for line, own in reversed(lines):
-                share = np.sqrt(1.0 + own) - 1.0
-                part = part + np.multiply.outer(line, share * (line @ part))
-            found.append(factor @ part)
+        for factor, white, (lines, sizes) in pairs:
+            share = np.hypot(1.0, sizes) - 1.0
+            found.append(factor @ (white + (lines * share) @ (lines.T @ white)))
         return np.concatenate(found)
 
+    @property
+    def _errors(self) -> list[np.ndarray]:
+        """Those of each probe that it has, shape [rows, errors]."""
+        if self.shared is None:
+            return [np.zeros((len(factor), 0)) for factor in self.factors]
+        parts = np.split(self.shared, self._ends)
+        return [part[:, part.any(axis=0)] for part in parts]
+
     @cached_property
-    def _lines(self) -> list[list[tuple[np.ndarray, float]]]:
-        """Directions and squares of the shared errors, each whitened by what stands before it."""
-        if not self.shared:
-            return [[] for _ in self.factors]
-        *before, last = self.shared
-        less = replace(self, shared=tuple(before))
-        found = []
-        for lines, part in zip(less._lines, np.split(less.white(last), self._ends), strict=True):
-            square = float(part @ part)
-            found.append([*lines, (part / max(np.sqrt(square), TINY), square)])
-        return found
+    def _lines(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Principal directions and sizes of the whitened errors of each probe."""
+        pairs = zip(self.factors, self._errors, strict=True)
+        return [
+            np.linalg.svd(solve_triangular(L, e, lower=True), full_matrices=False)[:2]
+            for L, e in pairs
+        ]
 
     def covariance(self, rows: np.ndarray) -> np.ndarray:
         """Of some rows of a single probe."""
-        own = self.factors[0][rows]
-        errors = np.array([e[rows] for e in self.shared]).reshape(-1, len(own))
-        return np.asarray(own @ own.T + errors.T @ errors)
+        own, errors = self.factors[0][rows], self._errors[0][rows]
+        return np.asarray(own @ own.T + errors @ errors.T)
 
     @property
     def sizes(self) -> np.ndarray:
         """Standard deviations of the rows."""
-        squares = np.concatenate([np.sum(f**2, axis=1) for f in self.factors])
-        return np.asarray(np.sqrt(squares + sum(e**2 for e in self.shared)))
+        pairs = zip(self.factors, self._errors, strict=True)
+        squares = [np.sum(L**2, axis=1) + np.sum(e**2, axis=1) for L, e in pairs]
+        return np.asarray(np.sqrt(np.concatenate(squares)))
 
-    def beside(self, error: np.ndarray) -> "Weights":
-        """With one more error that all rows of a probe share, of one standard deviation [rows]."""
-        return replace(self, shared=(*self.shared, error))
+    def beside(self, errors: np.ndarray) -> "Weights":
+        """With more errors that all rows of a probe share, of one standard deviation, shape [rows, errors]."""
+        before = np.zeros((len(errors), 0)) if self.shared is None else self.shared
+        return replace(self, shared=np.hstack([before, errors]))
 
 
 @dataclass(frozen=True)
