@@ -479,14 +479,18 @@ def test_held_out_motion_is_refused_if_its_recording_is_bad_and_refuses_if_its_p
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
 
 
-def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch):
+@pytest.mark.parametrize("part", ["problem_of", "_read"])
+def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part):
+    """As measured, or as predicted without the effects; tracks and forces are compared even so."""
+
     def fails(*arguments):
         raise ValueError("too few points")
 
-    monkeypatch.setattr("form_drake.diagnose.verify.problem_of", fails)
-    monkeypatch.setattr(
-        "form_drake.diagnose.verify._predicted", lambda problem, *a: Predicted((), (), problem)
-    )
+    monkeypatch.setattr("form_drake.diagnose.verify._rolled", lambda *a: ((), ()))
+    monkeypatch.setattr("form_drake.diagnose.verify.problem_of", lambda *a: None)
+    monkeypatch.setattr(f"form_drake.diagnose.verify.{part}", fails)
     fitted = SimpleNamespace(problem=SimpleNamespace(unknowns=None))
     check = Check.of(Scenes.of((PROBE,), DX), fitted)
     assert check.unread == "too few points" and check.bears_out(check.before)
+    after = SimpleNamespace(gap=np.full(50, 3.0), chance_apart=50.0)
+    assert not check.bears_out(Predicted((), (), after))  # noise does not explain it

@@ -337,6 +337,17 @@ def test_an_effect_is_of_the_world_or_of_a_sensor():
         replace(CATALOGUE["drag"], prior=(1.0, 0.1))
 
 
+def test_a_delay_is_one_however_fast_the_force_goes():
+    """25 ms late at 5 Hz: to first order the force would be 28 % too large."""
+    time = np.linspace(3.0, 4.0, 121)
+    force = np.sin(10.0 * np.pi * (time - 3.0))[:, None] * np.array([0.0, 0.0, 8.0])
+    still = np.zeros((len(time), 1, 3))
+    recording = Recording(time=time, p_WQ=still, forces={"plate": Stream(time, force)})
+    late = CATALOGUE["force-delay"].sensor(recording, 0.025, {}).forces["plate"].value
+    wanted = 8.0 * np.sin(10.0 * np.pi * np.maximum(time - 3.025, 0.0))
+    assert late[:, 2] == pytest.approx(wanted, abs=2e-3)
+
+
 def test_a_shape_of_one_value_cannot_be_sought():
     with pytest.raises(ValueError, match="shape n wants two values or more"):
         replace(CATALOGUE["rate-dependence"], shapes={"n": (0.5,)})

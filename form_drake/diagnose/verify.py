@@ -103,7 +103,7 @@ class Check:
         scenes: of the recordings that were held back.
         problem: they, read for the balance; None: they cannot be.
         before: predicted without the effects.
-        unread: why they cannot be; "": they are.
+        unread: why the balance of the one or of the other cannot be; "": it is.
     """
 
     scenes: Scenes
@@ -122,12 +122,13 @@ class Check:
         Raises:
             ValueError: a recording does not state its scene, or a simulation fails.
         """
-        scenes, problem, unread = replace(scenes, coarser=COARSER), None, ""
+        scenes = replace(scenes, coarser=COARSER)
+        rolled, problem = _rolled(scenes, fitted), None
         try:
             problem = problem_of(scenes, fitted.problem.unknowns)
+            return cls(scenes, problem, _read(problem, scenes, fitted, *rolled))
         except ValueError as error:
-            unread = str(error)
-        return cls(scenes, problem, _predicted(problem, scenes, fitted), unread)
+            return cls(scenes, problem, Predicted(*rolled, None), str(error))
 
     @property
     def measured(self) -> tuple[Recording, ...]:
@@ -138,9 +139,12 @@ class Check:
         """What a model with effects predicts.
 
         Raises:
-            ValueError: a simulation fails.
+            ValueError: a simulation fails, or cannot be read.
         """
-        return _predicted(self.problem, self.scenes, fitted)
+        rolled = _rolled(self.scenes, fitted)
+        if self.problem is None:
+            return Predicted(*rolled, None)
+        return _read(self.problem, self.scenes, fitted, *rolled)
 
     def bears_out(self, after: Predicted) -> bool:
         """Whether the rows change by as much as effects predict, and no more is left than may be.
@@ -149,11 +153,14 @@ class Check:
         effects have wrong; half of it, or half as much again, is never right. Too small a change is
         no matter of them.
         """
-        if self.before.match is None or after.match is None:
+        if after.match is None:
             return True
+        left = float(np.sum(after.match.gap**2))
+        if self.before.match is None:
+            return left < most(after.match.chance_apart)
         before, now = self.before.match.apart, after.match.apart
         was, change = after.match.by.white(np.stack([before, before - now], axis=1)).T
-        left, square = float(np.sum(after.match.gap**2)), float(change @ change)
+        square = float(change @ change)
         if square > LEAST:
             unsure = SURE * float(np.hypot(1.0 / np.sqrt(square), WRONG))
             if abs(float(was @ change) / square - 1.0) > min(unsure, 0.5):
@@ -186,12 +193,19 @@ class Check:
         return found
 
 
-def _predicted(problem: Problem | None, scenes: Scenes, fitted: Match) -> Predicted:
-    model = fitted.told
-    fine, coarse = (tuple(s.rolled(model)) for s in (scenes, scenes.rough))
-    if problem is None:
-        return Predicted(fine, coarse, None)
-    match = Match.of(problem, scenes, model, coarse).anchored(fine)
+Rolled = tuple[Recording, ...]
+
+
+def _rolled(scenes: Scenes, fitted: Match) -> tuple[Rolled, Rolled]:
+    """What a model gives on the fine and on the coarse grid."""
+    fine, coarse = (tuple(s.rolled(fitted.told)) for s in (scenes, scenes.rough))
+    return fine, coarse
+
+
+def _read(
+    problem: Problem, scenes: Scenes, fitted: Match, fine: Rolled, coarse: Rolled
+) -> Predicted:
+    match = Match.of(problem, scenes, fitted.told, coarse).anchored(fine)
     return Predicted(fine, coarse, match.doubted(fitted.root))
 
 

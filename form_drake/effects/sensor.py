@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from form_drake.effects.effect import Effect, Reading, Shape
 
@@ -14,6 +15,9 @@ DIRECTIONS = {
 }
 # time [s], force [N], direction -> change [N]
 Signal = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+Shown = Callable[
+    [np.ndarray, np.ndarray, float], np.ndarray
+]  # time, force, coefficient -> force [N]
 
 
 def direction(shape: Shape) -> np.ndarray:
@@ -41,17 +45,29 @@ def _directed(
     return column
 
 
-def _force(id: str, wrong: Signal, **more: Any) -> Effect:
-    """What is recorded is the force and a coefficient times ``wrong``."""
+def _force(id: str, wrong: Signal, shown_as: Shown | None = None, **more: Any) -> Effect:
+    """What is recorded is the force and, per unit of the coefficient, ``wrong``.
+
+    Args:
+        id: of the effect.
+        wrong: to first order.
+        shown_as: the whole; None: it is linear in the coefficient.
+        more: of the effect.
+    """
 
     def column(reading: Reading, along: np.ndarray) -> np.ndarray:
         return -reading.force(lambda time, value: wrong(time, value, along))
 
     def sensor(recording: Any, size: float, shape: Shape) -> Any:
         start, along = recording.time[0], direction(shape)
+
+        def felt(time: np.ndarray, value: np.ndarray) -> np.ndarray:
+            if shown_as is not None:
+                return shown_as(time, value, size)
+            return value + size * wrong(time, value, along)
+
         streams = {
-            k: replace(s, value=s.value + size * wrong(s.time - start, s.value, along))
-            for k, s in recording.forces.items()
+            k: replace(s, value=felt(s.time - start, s.value)) for k, s in recording.forces.items()
         }
         return replace(recording, forces=streams)
 
@@ -68,6 +84,11 @@ def _growing(time: np.ndarray, value: np.ndarray, along: np.ndarray) -> np.ndarr
 
 def _late(time: np.ndarray, value: np.ndarray, along: np.ndarray) -> np.ndarray:
     return -np.gradient(value, time, axis=0)
+
+
+def _delayed(time: np.ndarray, value: np.ndarray, delay: float) -> np.ndarray:
+    """The force of another moment: what is slow beside a delay is not all that probes do."""
+    return np.asarray(CubicSpline(time, value)(np.clip(time - delay, time[0], time[-1])))
 
 
 FORCE_GAIN = _force(
@@ -99,6 +120,7 @@ FORCE_DRIFT = _force(
 FORCE_DELAY = _force(
     "force-delay",
     _late,
+    _delayed,
     sentence="force and pictures are not of the same moment",
     unit="s",
     prior=(1e-4, 0.1),

@@ -119,6 +119,20 @@ def converging(truth, probes=("press", "shake")):
             print(f"{probe} {one} - {other}: {row}", flush=True)
 
 
+def sticking(springs=(2e7, 2e8, 2e9)):
+    """Print what springs of friction that sticks [Pa/m] differ by from the stiffest, and their seconds."""
+    truth, found = known(False), {}
+    points = inside(truth["body"], np.random.default_rng(0), 330)
+    for shear in springs:
+        begun = clock.time()
+        effects = {"tool-friction": {"friction": 0.25, "shear": shear}}
+        found[shear] = simulated(truth | {"effects": effects}, "press", points, "coarse")
+        print(f"{shear:.0e} Pa/m: {clock.time() - begun:.0f} s", flush=True)
+    for shear in springs[:-1]:
+        row = " ".join(f"{x:8.3f}" for x in difference(found[shear], found[springs[-1]]))
+        print(f"{shear:.0e} - {springs[-1]:.0e}: {row}", flush=True)
+
+
 def influences(seed, names, level="coarse", *, neutral=False, near=False):
     """Print what effects change in small probes of a seed, or their neutral coefficients."""
     for name in names:
@@ -156,6 +170,9 @@ def main(seed=1, parts=("solid", "converge", "influence"), effects=(*EFFECTS, *O
         for bonded in True, False:
             print("bonded" if bonded else "frictionless")
             converging(known(bonded), ("press", "shake") if bonded else ("press",))
+    if "stick" in parts:
+        print("springs of friction: position [um], rms and largest; force [%], rms and largest")
+        sticking()
     if "influence" in parts:
         print("effect, coefficient | press: positions, force | shake: positions, force")
         influences(seed, effects)

@@ -14,7 +14,7 @@ Effects that are not part of the law, with their coefficients:
     hidden-wall     a rigid frictionless wall that stands gap off a side of a pressed block
 
 Contact of a frictionless plate is a spring of 2e10 Pa/m, with hidden friction or where it opens of
-2e9 Pa/m, that of the hidden wall one of 2e9 Pa/m. Friction sticks with 2e7 Pa/m. Plate and walls meet only the face that they face at first.
+2e9 Pa/m, that of the hidden wall one of 2e9 Pa/m. Friction sticks with 2e8 Pa/m. Plate and walls meet only the face that they face at first.
 """
 
 import numpy as np

@@ -37,7 +37,7 @@ class Wall:
     """
 
     def __init__(self, nodes, area, motion, *, axis=2, side=1, gap=0.0, stiffness=2e10,
-                 strength=0.0, separation=2e-4, friction=0.0, shear=2e7):  # fmt: skip
+                 strength=0.0, separation=2e-4, friction=0.0, shear=2e8):  # fmt: skip
         """Stand ``gap`` [m] off the nodes before any motion, normal to ``axis``, body on ``side``."""
         self.nodes, self.area, self.motion = nodes, area, motion
         self.axis, self.side, self.gap, self.stiffness = axis, side, gap, stiffness
