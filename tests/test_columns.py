@@ -76,7 +76,7 @@ def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     assert acting.columns(effect, [{}]) == pytest.approx(match.by.white(np.ones((len(found), 1))))
     assert asked == ["density"]
     (cause,) = acting.told.causes
-    assert acting.worth == pytest.approx((cause.coefficient / cause.least) ** 2, rel=1e-6)
+    assert acting.worth() == pytest.approx((cause.coefficient / cause.least) ** 2, rel=1e-6)
 
 
 def test_what_holds_a_face_is_worth_what_changes_without_it():
@@ -86,9 +86,9 @@ def test_what_holds_a_face_is_worth_what_changes_without_it():
         match.near(MODEL.more(CATALOGUE[name], size, {}))
         for name, size in (("adhesion", 5e4), ("tool-friction", 0.1))
     )
-    assert stuck.worth > 100.0 and stuck.told.causes[0].told is None
+    assert stuck.worth() > 100.0 and stuck.told.causes[0].told is None
     assert stuck.told.material(1000.0).effects[0].std is None
-    assert rubbed.worth == pytest.approx((0.1 / rubbed.told.causes[0].least) ** 2, rel=0.5)
+    assert rubbed.worth() == pytest.approx((0.1 / rubbed.told.causes[0].least) ** 2, rel=0.5)
 
 
 def test_a_twin_on_another_grid_has_the_same_gap():

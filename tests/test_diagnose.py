@@ -19,7 +19,7 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
-from form_drake.diagnose.verdict import WRONG, Naming
+from form_drake.diagnose.verdict import WRONG, Found, Naming, shed
 from form_drake.diagnose.verify import Channel, Check, Predicted
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
@@ -100,6 +100,21 @@ def test_nothing_stands_out_where_nothing_is_hidden():
     assert match.left @ match.left < 1.3 * len(match.left)
     for k, true in TRUTH.items():
         assert match.model.values[k] == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.parametrize("needed", [True, False])
+def test_what_has_become_needless_goes(needed):
+    """A delay that was found first, and swelling beside it."""
+    swelling = Cause(CATALOGUE["eigenstrain"], 5e-3, {})
+    late = Cause(CATALOGUE["force-delay"], 4e-3, {})
+    _, begun = scored(noisy(rolled(swelling, *[late] * needed), 0))
+    first, then = (replace(begun.model, causes=c) for c in ((late,), (late, swelling)))
+    passes = [Found(begun, ()), Found(begun.near(first), ())]
+    match, left, gone = shed(matched(begun.near(then)), passes, {})
+    assert [c.effect.id for c in match.model.causes] == ["force-delay"] * needed + ["eigenstrain"]
+    assert gone == [] if needed else gone == ["force-delay"] and left[0].match is begun
+    assert len(left) == 1 + needed
+    assert match.model.causes[-1].coefficient == pytest.approx(5e-3, rel=0.1)
 
 
 HIDDEN = {

@@ -288,18 +288,19 @@ class Match:
         first = self.explained.shape[1] - sum(counts)
         return np.cumsum([first, *counts])[:-1].tolist()
 
-    @property
-    def worth(self) -> float:
-        """What the gap's square would grow by without the last cause, all else refitted to first order.
+    def worth(self, n: int = -1) -> float:
+        """What the gap's square would grow by without the n-th cause, all else refitted to first order.
 
         What has no column may change nothing with its size, as a plate that sticks fast anyway, and much
         by being there: the twin is simulated without it.
         """
-        begin, (*rest, last) = self.parts[-1], self.model.causes
-        others, own = self.explained[:, :begin], last.coefficient * self.explained[:, begin]
-        if last.effect.columnless:
-            own = self.near(replace(self.model, causes=tuple(rest))).gap - self.gap
-        basis = np.linalg.qr(others[:, self._seen[:begin]])[0]
+        begin, cause = self.parts[n], self.model.causes[n]
+        others = np.arange(len(self._seen))
+        others = others[self._seen & ((others < begin) | (others >= begin + cause.unknowns))]
+        own = cause.coefficient * self.explained[:, begin]
+        if cause.effect.columnless:
+            own = self.near(self.model.without(cause)).gap - self.gap
+        basis = np.linalg.qr(self.explained[:, others])[0]
         own = own - basis @ (basis.T @ own)
         return float(own @ own)
 

@@ -151,6 +151,10 @@ class Model:
         more = (replace(c, coefficient=c.coefficient + size) if s else c for c, s in pairs)
         return replace(self, causes=tuple(more))
 
+    def without(self, cause: Cause) -> "Model":
+        """With all other causes."""
+        return replace(self, causes=tuple(c for c in self.causes if c is not cause))
+
 
 def firm(
     law: Law, values: Values, known: Collection[str] = (), share: float = FIRM

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 from form_drake.diagnose.match import Match
@@ -111,10 +112,12 @@ def named(
     progress("simulating the twin")
     begun = Match.of(problem, scenes, start)
     match, passes, failed = matched(begun, rough=True), list[Found](), ""
+    gone = set[str]()
     while True:
         progress("scoring effects")
         explained = passes[0].left - match.excess_left if passes else 0.0
-        found = judged(match, effects, thresholds, WRONG**2 * explained)
+        left = [e for e in effects if e.id not in gone]
+        found = judged(match, left, thresholds, WRONG**2 * explained)
         try:
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:
@@ -122,7 +125,8 @@ def named(
         passes.append(replace(found, match=found.match.lighter))
         if after is None:
             break
-        match = after
+        match, passes, idle = shed(after, passes, thresholds)
+        gone.update(idle)
     added = match.told.causes[len(start.causes) :]
     verdict: Verdict = "named" if added else "none"
     if passes[-1].best is not None or not passes[-1].enough:
@@ -130,6 +134,38 @@ def named(
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
     return Naming(tuple(passes), match, added, verdict, failed)
+
+
+def shed(
+    match: Match, passes: Sequence[Found], thresholds: Mapping[str, float]
+) -> tuple[Match, list[Found], list[str]]:
+    """Without causes that have become needless, beside one that was found last.
+
+    What comes nearest at first may only be like what is missing, as a picture's scale is like swelling.
+
+    Args:
+        match: the twin with all of them.
+        passes: that found them.
+        thresholds: score by effect's id that a cause must be worth.
+
+    Returns:
+        The twin, the passes that are left, and ids of effects that went.
+    """
+    passes, gone = list(passes), list[str]()
+    for n in reversed(range(len(passes) - 1)):
+        cause = match.model.causes[n - len(passes)]
+        wanted = passes[n].wanted(cause.effect, thresholds)
+        if match.worth(n - len(passes)) > wanted:
+            continue
+        try:
+            less = matched(match.near(match.model.without(cause)))
+        except ValueError:  # it cannot be simulated alone
+            continue
+        if less.excess_left - match.excess_left < wanted:
+            later = [replace(b, match=a.match) for a, b in pairwise(passes[n:])]
+            match, passes = less, [*passes[:n], *later]
+            gone.append(cause.effect.id)
+    return match, passes, gone
 
 
 def judged(
@@ -203,10 +239,10 @@ def _refitted(
             failure = error
             continue
         gain = found.left - after.excess_left
-        if min(gain, after.worth) > wanted:  # by the weights before, and by its own
+        if min(gain, after.worth()) > wanted:  # by the weights before, and by its own
             borne.append((gain, runner, after))
         else:
-            beyond[effect.id] = max(gain - after.worth, explained - gain)
+            beyond[effect.id] = max(gain - after.worth(), explained - gain)
     return sorted(borne, key=lambda one: -one[0]), beyond, failure
 
 
