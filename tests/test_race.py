@@ -167,7 +167,7 @@ def test_what_cannot_be_simulated_is_passed_over_or_told(course):
 
 def runner(name, apart, left, worth=100.0):
     """After a race; its search then reaches ``left``."""
-    reached = SimpleNamespace(excess_left=left, worth=worth)
+    reached = SimpleNamespace(excess_left=left, worth=lambda: worth)
     return SimpleNamespace(score=score(name, 50.0), apart=apart, left=left, matched=lambda: reached)
 
 
@@ -254,7 +254,7 @@ def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
 def test_a_finer_grid_tells_those_apart_that_have_come_as_near(monkeypatch):
     """The race's own grid is too coarse to tell a mass inside from a sensor's gain."""
     gain, mass = runner("force-gain", 21.0, 20.0), runner("added-mass", 25.0, 24.0)
-    mass.matched = lambda: SimpleNamespace(excess_left=5.0, worth=100.0)
+    mass.matched = lambda: SimpleNamespace(excess_left=5.0, worth=lambda: 100.0)
     found, after = added(monkeypatch, [gain, mass])
     assert found.best.effect.id == "added-mass" and after.excess_left == 5.0
     assert found.rivals == () and found.refused == ()
