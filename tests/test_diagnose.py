@@ -494,8 +494,11 @@ def test_held_out_motion_is_refused_if_its_recording_is_bad_and_refuses_if_its_p
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
 
 
-@pytest.mark.parametrize("part", ["problem_of", "_read"])
-def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part):
+@pytest.mark.parametrize(
+    ("part", "whose"),
+    [("problem_of", "as measured"), ("_read", "as predicted without the effects")],
+)
+def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part, whose):
     """As measured, or as predicted without the effects; tracks and forces are compared even so."""
 
     def fails(*arguments):
@@ -506,6 +509,6 @@ def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part):
     monkeypatch.setattr(f"form_drake.diagnose.verify.{part}", fails)
     fitted = SimpleNamespace(problem=SimpleNamespace(unknowns=None))
     check = Check.of(Scenes.of((PROBE,), DX), fitted)
-    assert check.unread == "too few points" and check.bears_out(check.before)
+    assert check.unread == f"{whose}, too few points" and check.bears_out(check.before)
     after = SimpleNamespace(gap=np.full(50, 3.0), chance_apart=50.0)
     assert not check.bears_out(Predicted((), (), after))  # noise does not explain it

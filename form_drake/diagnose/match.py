@@ -27,7 +27,9 @@ GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 SINGULAR = 1e-15  # of the largest singular value, from which a combination of unknowns is seen
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
-SAFE = 1.5  # times what Richardson's extrapolation would add: half of that for 19 cases in 20 (Roache 1998)
+# of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
+# for two grids, 3, meant to hold 19 cases in 20 (Verification and Validation, 1998)
+SAFE = 1.5
 
 Recordings = Sequence[Recording]
 

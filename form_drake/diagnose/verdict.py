@@ -116,8 +116,8 @@ def named(
     while True:
         progress("scoring effects")
         explained = passes[0].left - match.excess_left if passes else 0.0
-        left = [e for e in effects if e.id not in gone]
-        found = judged(match, left, thresholds, WRONG**2 * explained)
+        sought = [e for e in effects if e.id not in gone]
+        found = judged(match, sought, thresholds, WRONG**2 * explained)
         try:
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:

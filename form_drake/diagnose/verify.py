@@ -123,12 +123,13 @@ class Check:
             ValueError: a recording does not state its scene, or a simulation fails.
         """
         scenes = replace(scenes, coarser=COARSER)
-        rolled, problem = _rolled(scenes, fitted), None
+        rolled, problem, whose = _rolled(scenes, fitted), None, "as measured"
         try:
             problem = problem_of(scenes, fitted.problem.unknowns)
+            whose = "as predicted without the effects"
             return cls(scenes, problem, _read(problem, scenes, fitted, *rolled))
         except ValueError as error:
-            return cls(scenes, problem, Predicted(*rolled, None), str(error))
+            return cls(scenes, problem, Predicted(*rolled, None), f"{whose}, {error}")
 
     @property
     def measured(self) -> tuple[Recording, ...]:

@@ -133,8 +133,7 @@ class Stage:
         for face in held:
             if not places:
                 edge = float((shape.high - shape.low)[face.axis])
-                half = edge / max(round(2.0 * edge / self.dx), 2)
-                dx = 2.0 * half
+                dx = 2.0 * edge / max(round(2.0 * edge / self.dx), 2)
             places.setdefault(face.axis, float((shape.low, shape.high)[face.side][face.axis]))
         return dx, places
 
