@@ -284,6 +284,10 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--cases", seal], "no list of cases"),
         (["--seal", seal, "--cases", key], "no list of cases; each has id, seed and kind"),
         (["--seal", seal, "--cases", str(tmp_path / "list")], "letters and digits are wanted"),
+        (
+            ["--seal", seal, "--cases", str(drawn / "a.json"), "--only", "z"],
+            "--only z: no id has it",
+        ),
         (["--seal", seal, "--score", seal], "are wanted together"),
         (["--seal", seal, "--score", good, "--key", str(tmp_path / "keys.json")], "no key; each"),
         (["--seal", seal, "--score", good, "--key", key], "not the key"),

@@ -568,8 +568,9 @@ def test_public_names_are_imported_when_used(tmp_path):
         _ = form_drake.nonsense
 
 
-def test_saved_cases_count_only_with_the_same_package(tmp_path, monkeypatch):
-    monkeypatch.setattr(cases, "PACKAGE", tmp_path)
+@pytest.mark.parametrize("part", ["PACKAGE", "ORACLES"])
+def test_saved_cases_count_only_with_the_same_code(tmp_path, monkeypatch, part):
+    monkeypatch.setattr(cases, part, tmp_path)
     marks = [cases.fingerprint()]
     for place in ("material.py", "bench/truth.py", "systems/new.py"):
         (tmp_path / place).parent.mkdir(exist_ok=True)

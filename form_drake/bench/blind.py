@@ -124,9 +124,14 @@ def run_blind(
         alone: whether the press is read without the shake.
 
     Raises:
-        ValueError: the file of verdicts is of other code, another seal or other probes.
+        ValueError: the file of verdicts is of other code, another seal or other probes, or ``only``
+            leaves no case.
     """
-    every, head = cases_of(cases), {"code": fingerprint(), "seal": sealed(seal)}
+    every = cases_of(cases)
+    wanted = [n for n in every if not only or any(o in n for o in only)]
+    if not wanted:
+        raise ValueError(f"--only {' '.join(only)}: no id has it; ids are like {min(every)}")
+    head = {"code": fingerprint(), "seal": sealed(seal)}
     head |= {"probes": "press"} if alone else {}
     out = target(out)
     if out.is_file():
@@ -142,7 +147,7 @@ def run_blind(
         results = []
         out.write_text(json.dumps(head) + "\n", encoding="utf-8")
     done = {one["id"] for one in results}
-    left = [n for n in every if n not in done and (not only or any(o in n for o in only))]
+    left = [n for n in wanted if n not in done]
     fork = forkable()
     hours = len(left) * SECONDS / 3600.0 / copies(len(left), fork=fork)
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)

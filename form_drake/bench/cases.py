@@ -11,18 +11,20 @@ from typing import Any
 
 from tqdm import tqdm
 
+from form_drake.bench.oracles import ORACLES
 from form_drake.files import plain, write_json
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def fingerprint(*inputs: Path) -> str:
-    """Digest of the package, Warp, numpy and the input files: a saved case counts only with it."""
+    """Digest of the package, the oracles, Warp, numpy and input files: a saved case counts only with it."""
     digest = hashlib.sha256()
     for name in ("warp-lang", "numpy"):
         digest.update(f"{name} {version(name)}\n".encode())
-    for source in sorted(PACKAGE.rglob("*.py")):
-        digest.update(f"{source.relative_to(PACKAGE)}\n".encode() + source.read_bytes())
+    for folder in (PACKAGE, ORACLES):
+        for source in sorted(folder.rglob("*.py")):
+            digest.update(f"{source.relative_to(folder)}\n".encode() + source.read_bytes())
     for path in sorted(inputs):
         digest.update(f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}".encode())
     return digest.hexdigest()[:16]

@@ -167,6 +167,6 @@ def run_perception(
         ValueError: ``only`` leaves nothing.
     """
     cases, expected = planned(Views(store.parent / "motions"), specimens)
-    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"), *ORACLES.glob("*.py"))
+    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"))
     found = run_cases(cases, store=store, mark=mark + code()[:8], estimates=expected, only=only)
     return {"bench": "perception", "cases": found, "goals": GOALS}

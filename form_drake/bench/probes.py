@@ -193,7 +193,7 @@ def run_probes(
     cases, expected = planned(Motions(store.parent / "motions"), seeds, specimens, only)
     more, later = finite_elements(store.parent, seeds)
     # the package's fingerprint leaves out what lies behind its links
-    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"), *ORACLES.glob("*.py"))
+    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"))
     found = run_cases(
         cases | more, store=store, mark=mark + code()[:8], estimates=later | expected, only=only
     )

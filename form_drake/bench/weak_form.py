@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from form_drake.bench.cases import fingerprint, run_cases
-from form_drake.bench.oracles import FINITE, ORACLES, Motions, laboratory_noise, relative_noise
+from form_drake.bench.oracles import FINITE, Motions, laboratory_noise, relative_noise
 from form_drake.bench.weak_form_tables import ESTIMATORS, GOALS, table
 from form_drake.identify import (
     Estimator,
@@ -197,7 +197,7 @@ def run_weak_form(*, store: Path, only: tuple[str, ...] = (), seeds: int = SEEDS
         raise ValueError(f"--seeds {seeds}: one or more are wanted")
     motions = Motions.within(store)
     cases, estimates = planned(motions, seeds)
-    mark = fingerprint(*ORACLES.glob("*.py"))
+    mark = fingerprint()
     found = run_cases(cases, store=store, mark=mark, estimates=estimates, only=only)
     return {"bench": "weak-form", "cases": found, "goals": GOALS}
 
