@@ -241,6 +241,37 @@ def test_what_scores_as_much_below_its_threshold_is_a_rival_too():
     assert verdict._judged(strong, best, []).rivals == ()
 
 
+@pytest.mark.parametrize(("missing", "told"), [(0, "none"), (2, "named"), (3, "unnamed")])
+def test_what_takes_three_effects_is_not_in_the_catalogue(monkeypatch, missing, told):
+    seen = [score(name, 50.0) for name in ("drag", "damping", "density")[:missing]]
+
+    def twin(count):
+        causes = tuple(Cause(s.effect, 1.0, {}) for s in seen[:count])
+        model = Model(LAWS["neo-hookean"], {}, causes)
+        left = 100.0 * (missing - count)
+        found = SimpleNamespace(model=model, told=model, excess_left=left, chance=100.0)
+        found.lighter, found.worth = found, lambda n=-1: 100.0
+        return found
+
+    def judged(match, *rest):
+        left = tuple(seen[len(match.model.causes) :])
+        return verdict.Found(match, left, left)
+
+    def raced(match, left, progress):
+        count = len(match.model.causes) + 1
+        first = runner(left[0].effect.id, 100.0 * (missing - count), 100.0 * (missing - count))
+        first.score, first.matched = left[0], lambda: twin(count)
+        return [first]
+
+    monkeypatch.setattr(verdict, "judged", judged)
+    monkeypatch.setattr(verdict, "raced", raced)
+    monkeypatch.setattr(verdict, "matched", lambda match, **options: match)
+    monkeypatch.setattr(verdict.Match, "of", lambda *of: twin(0))
+    found = verdict.named(None, None, Model(LAWS["neo-hookean"], {}), [], {})
+    assert found.verdict == told
+    assert [c.effect.id for c in found.added] == [s.effect.id for s in seen[: verdict.MOST]]
+
+
 def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
     def left(square, doubt=0.0):
         match = SimpleNamespace(excess_left=square - 100.0, chance=100.0)

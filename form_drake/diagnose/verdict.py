@@ -15,7 +15,7 @@ from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
 from form_drake.identify.problem import Problem
 
-MOST = 3  # effects
+MOST = 2  # effects: three at once are less likely than one that no catalogue has
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
 WRONG = 2.0 * INEXACT  # of what effects change, that their simulation may have wrong
 
@@ -72,7 +72,7 @@ class Naming:
         added: causes of the model that were not known before, one for each pass but the last.
         match: the model's twin.
         verdict: ``unnamed``: something is missing that no effect explains, or none that can be
-            simulated, or more than noise is left.
+            simulated, or only more of them than ``MOST``, or more than noise is left.
         failed: the effect that was found last and cannot be simulated, and why; "": there is none.
     """
 
