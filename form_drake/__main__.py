@@ -45,14 +45,18 @@ def _parse(arguments: list[str]) -> Any:
     """The command that the arguments name; a mistake in them is one line and exit code 2."""
     import tyro
 
-    from form_drake.commands import COMMANDS, VERBS
+    from form_drake.commands import VERBS, command, commands
 
     out, err = io.StringIO(), io.StringIO()
+    verb = next((a for a in arguments[:1] if a in VERBS), "")
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            if verb:
+                prog = f"form-drake {verb}"
+                return tyro.cli(command(verb), prog=prog, args=arguments[1:], config=config)
             return tyro.cli(
-                COMMANDS, prog="form-drake", args=arguments, config=config, description=ABOUT
+                commands(), prog="form-drake", args=arguments, config=config, description=ABOUT
             )
     except SystemExit as stop:
         print(out.getvalue(), end="", flush=True)
@@ -60,7 +64,6 @@ def _parse(arguments: list[str]) -> Any:
             raise
         text = re.sub(r"\x1b\[[0-9;]*m", "", err.getvalue())
         text = " ".join(re.sub(r"[─╭╮╰╯│]+|-{5,}", " ", text).split())
-        verb = next((a for a in arguments[:1] if a in VERBS), "")
         text = re.sub(
             r"^(Parsing error|Required options|Unrecognized options|Missing subcommand)", "", text
         )

@@ -1,27 +1,32 @@
 """The verbs of the command line, one frozen dataclass of options each."""
 
-from typing import Annotated
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from typing import Annotated, Any
 
 import tyro
 
-from form_drake.commands.bench import Bench
-from form_drake.commands.demo import Demo
-from form_drake.commands.diagnose import Diagnose
-from form_drake.commands.identify import Identify
-from form_drake.commands.inspect import Check, List
-from form_drake.commands.predict import Predict
-from form_drake.commands.simulate import Simulate
-from form_drake.commands.track import Track
+VERBS = {
+    "demo": ("demo", "Demo"),
+    "simulate": ("simulate", "Simulate"),
+    "track": ("track", "Track"),
+    "identify": ("identify", "Identify"),
+    "predict": ("predict", "Predict"),
+    "diagnose": ("diagnose", "Diagnose"),
+    "check": ("inspect", "Check"),
+    "list": ("inspect", "List"),
+    "bench": ("bench", "Bench"),
+}  # module and class
 
-VERBS = ("demo", "simulate", "track", "identify", "predict", "diagnose", "check", "list", "bench")
-COMMANDS = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Track, tyro.conf.subcommand("track")]
-    | Annotated[Identify, tyro.conf.subcommand("identify")]
-    | Annotated[Predict, tyro.conf.subcommand("predict")]
-    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
-    | Annotated[Check, tyro.conf.subcommand("check")]
-    | Annotated[List, tyro.conf.subcommand("list")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-)
+
+def command(verb: str) -> Any:
+    """The options of a verb; what the others need is not imported."""
+    module, name = VERBS[verb]
+    return getattr(import_module(f"form_drake.commands.{module}"), name)
+
+
+def commands() -> Any:
+    """The union of all, each under its verb."""
+    every = (Annotated[command(verb), tyro.conf.subcommand(verb)] for verb in VERBS)
+    return reduce(or_, every)

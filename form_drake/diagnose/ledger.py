@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from form_drake.diagnose.match import Match
 from form_drake.motion import Body
@@ -55,7 +55,7 @@ class Ledger:
     def limit(self) -> np.ndarray:
         """What noise alone exceeds in one of a thousand windows, shape [windows]."""
         rows = np.bincount(self.window, minlength=len(self.time))
-        return np.asarray(np.where(rows > 0, chi2.ppf(1.0 - RARE, np.maximum(rows, 1)), np.inf))
+        return np.asarray(np.where(rows > 0, chdtri(np.maximum(rows, 1), RARE), np.inf))
 
     @property
     def onset(self) -> float | None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import interp1d
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
@@ -158,5 +158,5 @@ def _windows(time: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarr
         own = square[(time > end - WINDOW - 1e-9) & (time <= end + 1e-9)]
         own = own[np.isfinite(own)]
         if len(own):
-            excess[n] = np.sum(own) / chi2.ppf(1.0 - RARE, len(own))
+            excess[n] = np.sum(own) / chdtri(len(own), RARE)
     return ends, excess

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
@@ -69,7 +68,7 @@ def jitter(stream: Stream) -> float:
     error = value[middle] - np.einsum("sk,skd->sd", weights, value[middle[:, None] + NEAR])
     square = np.mean(error**2, axis=1) / (1.0 + np.sum(weights**2, axis=1))
     # the median of a mean over three components lies below it
-    return float(np.sqrt(np.median(square) * 3.0 / chi2.ppf(0.5, 3)))
+    return float(np.sqrt(np.median(square) * 3.0 / chdtri(3, 0.5)))
 
 
 def fast(time: np.ndarray, value: np.ndarray, noise: float, rate: float) -> float | None:
@@ -86,6 +85,8 @@ def fast(time: np.ndarray, value: np.ndarray, noise: float, rate: float) -> floa
     Returns:
         None where the force is sampled too coarsely to tell.
     """
+    from scipy.signal import butter, sosfiltfilt  # slow to import, and few forces need it
+
     step = float(np.median(np.diff(time))) if len(time) > SHORTEST else np.inf
     if step * rate > SAMPLED:
         return None
