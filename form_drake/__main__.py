@@ -65,10 +65,12 @@ def _parse(arguments: list[str]) -> Any:
         text = re.sub(r"\x1b\[[0-9;]*m", "", err.getvalue())
         text = " ".join(re.sub(r"[─╭╮╰╯│]+|-{5,}", " ", text).split())
         text = re.sub(
-            r"^(Parsing error|Required options|Unrecognized options|Missing subcommand)", "", text
+            r"^(Parsing error|Required options|Unrecognized options|Missing subcommand|Invalid choice)",
+            "",
+            text,
         )
-        text = re.split(r" (?:For full helptext|Arguments similar)", text)[0]
-        text = text.strip().rstrip(".")
+        text = re.split(r" (?:For full helptext|Arguments similar|Perhaps you meant)", text)[0]
+        text = text.replace(" Available subcommands:", "; choose from").strip().rstrip(".")
         raise ValueError(
             f"{text[:400]}; see: form-drake {verb} --help".replace("  ", " ")
         ) from None
