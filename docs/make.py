@@ -140,6 +140,7 @@ API = {
         "form_drake.diagnose.prepare.read",
         "form_drake.diagnose.search.matched",
         "form_drake.diagnose.match.Match",
+        "form_drake.diagnose.sight.Sight",
         "form_drake.diagnose.verdict.named",
         "form_drake.diagnose.motions.Block",
         "form_drake.diagnose.hidden.Hidden",

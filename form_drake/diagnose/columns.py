@@ -11,6 +11,7 @@ from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
+from form_drake.motion import Body
 from form_drake.records import Recording
 from form_drake.workers import forkable, mapped
 
@@ -69,33 +70,19 @@ class Columns:
             self._store(effect)[key] = column
 
     def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
-        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly.
-
-        These have the radius that was tried first: what is so small is felt as a point.
-        """
+        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly."""
         if not _placed(effect):
             return {(effect.id, tuple(shape.items())): shape}
-        body = self.problem.probes[0].body
-        found = dict[Key, Shape]()
-        for corner in np.ndindex(2, 2, 2):
-            place = body.low + (body.high - body.low) * np.take(SITES, corner)
-            there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
-            found[effect.id, corner] = there
-        return found
+        sites = around(self.problem.probes[0].body, shape)
+        return {(effect.id, corner): there for corner, (there, _) in sites.items()}
 
     def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
         known = self._store(effect)
         if not _placed(effect):
             return known[effect.id, tuple(shape.items())]
-        body = self.problem.probes[0].body
-        size = body.high - body.low
-        at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
-        part = at / (SITES[1] - SITES[0])
-        corners = np.ndindex(2, 2, 2)
-        sites = [
-            float(np.prod(np.where(c, part, 1.0 - part))) * known[effect.id, c] for c in corners
-        ]
-        return np.asarray(np.sum(sites, axis=0))
+        sites = around(self.problem.probes[0].body, shape)
+        parts = [share * known[effect.id, corner] for corner, (_, share) in sites.items()]
+        return np.asarray(np.sum(parts, axis=0))
 
     def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
         """Where its columns are kept: with other twins, or with this one alone."""
@@ -128,6 +115,21 @@ class Columns:
         found = np.zeros(sum(lengths))
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
         return found
+
+
+def around(body: Body, shape: Shape) -> dict[tuple[int, ...], tuple[Shape, float]]:
+    """Eight places in a body, and the shares in which what is felt of a place is that of them.
+
+    They have the radius that was tried first: what is so small is felt as a point.
+    """
+    size = body.high - body.low
+    at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
+    part, found = at / (SITES[1] - SITES[0]), dict[tuple[int, ...], tuple[Shape, float]]()
+    for corner in np.ndindex(2, 2, 2):
+        place = body.low + size * np.take(SITES, corner)
+        there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
+        found[corner] = there, float(np.prod(np.where(corner, part, 1.0 - part)))
+    return found
 
 
 def _placed(effect: Effect) -> bool:

@@ -15,8 +15,10 @@ import numpy as np
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.noise import by_field, shaken, weighed
+from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
+from form_drake.motion import Body
 from form_drake.records import Recording
 from form_drake.weak.solve import TINY, Weights
 
@@ -35,7 +37,7 @@ Recordings = Sequence[Recording]
 
 
 @dataclass(frozen=True)
-class Match:
+class Match(Projected):
     """Data and twin.
 
     Attributes:
@@ -73,6 +75,11 @@ class Match:
         found = cls(problem, twin, by, by, model, scenes)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
         return replace(found, grid=none, began=found.apart)
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The specimen in every probe."""
+        return [p.body for p in self.problem.probes]
 
     def near(self, model: Model) -> "Match":
         """That of a model which is not far, by one coarse simulation."""
@@ -151,6 +158,10 @@ class Match:
     def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, whitened, shape [rows, shapes]."""
         return self.by.white(self.raw.of(effect, shapes))
+
+    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+        """Make columns that will be asked for, on all cores."""
+        self.raw.learn(wanted)
 
     @cached_property
     def raw(self) -> Columns:
@@ -263,25 +274,6 @@ class Match:
         halves = [self.by.white(0.5 * (one - other)) for one, other in self._shaken]
         squares = [np.sum(part(half) ** 2) for half in halves]
         return float(np.mean(squares)) if squares else float(len(self.gap))
-
-    @cached_property
-    def basis(self) -> np.ndarray:
-        """Orthonormal, of what law and causes explain, shape [rows, unknowns]."""
-        return np.asarray(np.linalg.qr(self.explained[:, self._seen])[0])
-
-    @property
-    def _seen(self) -> np.ndarray:
-        """Which unknowns change any row, as the radius of a point mass does not, shape [unknowns]."""
-        return np.asarray(np.linalg.norm(self.explained, axis=0) > TINY)
-
-    @cached_property
-    def left(self) -> np.ndarray:
-        """What they leave of the gap, whitened, shape [rows]."""
-        return self.off(self.gap)
-
-    def off(self, a: np.ndarray) -> np.ndarray:
-        """What they leave of whitened columns."""
-        return np.asarray(a - self.basis @ (self.basis.T @ a))
 
     @property
     def parts(self) -> list[int]:

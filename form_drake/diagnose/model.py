@@ -191,12 +191,16 @@ class Scenes:
 
     @classmethod
     def of(
-        cls, recordings: tuple[Recording, ...], dx: float | None = None, device: str = "cpu"
+        cls,
+        recordings: tuple[Recording, ...],
+        dx: float | None = None,
+        device: str = "cpu",
+        coarser: float = SEARCH,
     ) -> "Scenes":
         """With a spacing [m], or ``CELLS`` cells along the least edge of each body."""
         shapes = [body(r) for r in recordings]
         own = tuple(dx or float((s.high - s.low).min()) / CELLS for s in shapes)
-        return cls(recordings, own, device)
+        return cls(recordings, own, device, coarser)
 
     def only(self, chosen: Sequence[int]) -> "Scenes":
         """Some of them."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from form_drake.diagnose.match import Match
+from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.motion import Body
 from form_drake.weak.solve import TINY
@@ -58,28 +58,27 @@ def shapes(effect: Effect, body: Body) -> list[dict[str, float]]:
     return [dict(zip("xyz", place.tolist(), strict=True)) | {"radius": radius} for place in grid]
 
 
-def scores(match: Match, effects: Iterable[Effect]) -> list[Score]:
+def scores(match: Projected, effects: Iterable[Effect]) -> list[Score]:
     """Every effect at the shape that explains most, best first.
 
     Args:
         match: of data and twin.
         effects: a catalogue; those that do not fit the law, or that no row sees, are left out.
     """
-    bodies = [p.body for p in match.problem.probes]
-    body = bodies[0]
+    bodies, body = match.bodies, match.bodies[0]
     fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
     tried = {e.id: (e, shapes(e, body)) for e in fitting}
-    match.raw.learn([(e, shape) for e, every in tried.values() for shape in every])
+    match.learn([(e, shape) for e, every in tried.values() for shape in every])
     found = (scored(match, *one) for one in tried.values())
     return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)
 
 
-def scored(match: Match, effect: Effect, tried: Sequence[Shape]) -> Score:
+def scored(match: Projected, effect: Effect, tried: Sequence[Shape]) -> Score:
     """One effect at the best of some shapes."""
     return ranked(match, effect, tried)[0]
 
 
-def ranked(match: Match, effect: Effect, tried: Sequence[Shape]) -> list[Score]:
+def ranked(match: Projected, effect: Effect, tried: Sequence[Shape]) -> list[Score]:
     """One effect at some shapes, best first."""
     columns = match.off(match.columns(effect, tried))
     length = np.maximum(np.linalg.norm(columns, axis=0), TINY)

@@ -37,7 +37,7 @@ from pathlib import Path
 
 import numpy as np
 from hidden_effects_cases import EFFECTS, GRAVITY, KINDS, OUTSIDE, case_of
-from hidden_effects_probes import DENSITY, LAYERS, inside, simulated
+from hidden_effects_probes import DENSITY, LAYERS, inside, on_faces, simulated
 
 PROBES = ["press", "shake", "heldout"]
 SIGMA, FORCE_NOISE, WAVES = 5e-5, 0.01, 200
@@ -126,10 +126,10 @@ def saved(path, truth, found):
     path.with_suffix(".json").write_text(stated + "\n")
 
 
-def made(truth, folder, level, count):
-    """Simulate a case and write its folder."""
+def made(truth, folder, level, count, drawn=inside):
+    """Simulate a case and write its folder; ``drawn`` says where points are seen."""
     rng = np.random.default_rng([truth["seed"], 2])
-    points = inside(truth["body"], rng, count)
+    points = drawn(truth["body"], rng, count)
     noise = {"seed": int(rng.integers(2**31)), "sigma_x": SIGMA, "sigma_F": {}}
     for probe in PROBES[: 2 if truth["small"] else 3]:
         found = sensed(simulated(truth, probe, points, level), truth["effects"])
@@ -162,6 +162,7 @@ def main():
     parser.add_argument("--key", type=Path, help="by default key.json beside the folder --out")
     parser.add_argument("--level", choices=LAYERS, default="medium")
     parser.add_argument("--points", type=int, help="by default 330, with --small 150")
+    parser.add_argument("--faces", action="store_true", help="points on two sides, by default 136")
     parser.add_argument("--small", action="store_true", help="shorter motions, no heldout")
     parser.add_argument("--noisy", action="store_true", help="noise in the files, and stated")
     parser.add_argument("--check", action="store_true", help="verify and compare levels; no files")
@@ -170,11 +171,12 @@ def main():
         import hidden_effects_check
 
         return hidden_effects_check.main(args.seed)
-    begun, points = clock.time(), args.points or (150 if args.small else 330)
+    begun, drawn = clock.time(), on_faces if args.faces else inside
+    points = args.points or (136 if args.faces else 150 if args.small else 330)
     for draw in range(DRAWS):
         truth = case_of(args.seed, args.kind, args.effect, args.small, draw)
         try:
-            made(truth, args.out / truth["id"], args.level, points)
+            made(truth, args.out / truth["id"], args.level, points, drawn)
             if args.noisy:
                 spoilt(args.out / truth["id"], truth["noise"])
             break

@@ -44,6 +44,17 @@ def inside(body, rng, count):
     return rng.uniform([-x / 2, -y / 2, 0], [x / 2, y / 2, z], (count, 3))
 
 
+def on_faces(body, rng, count):
+    """Reference positions (count, 3) [m] drawn from the sides x+ and y+, alike by their areas."""
+    x, y, z = body["size"]
+    points = rng.uniform([-x / 2, -y / 2, 0], [x / 2, y / 2, z], (count, 3))
+    first = rng.uniform(size=count) < y / (x + y)
+    return np.stack(
+        [np.where(first, x / 2, points[:, 0]), np.where(first, points[:, 1], y / 2), points[:, 2]],
+        axis=1,
+    )
+
+
 def mesh_of(truth, level):
     """The mesh, crowding towards the faces, with planes where a crack begins and ends."""
     size, edges = np.array(truth["body"]["size"]), []

@@ -1,0 +1,168 @@
+"""Naming from what is seen of a surface: rows are tracks and forces, sample by sample.
+
+Where no points lie inside, no balance can be read. Every column is then the difference of two
+simulations, or of what sensors make of one; the algebra is that of the balance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.diagnose.columns import Key, around
+from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.projected import Projected
+from form_drake.diagnose.verify import tracking_noise
+from form_drake.effects import Effect, Shape
+from form_drake.motion import Body, body
+from form_drake.records import Recording
+from form_drake.weak.force import measured
+
+STEP = 0.02  # of the logarithm of a modulus, in differences
+PASSES, SETTLED = 8, 0.003  # of a fit; change of such a logarithm that is none
+MOST = np.log(2.0)  # that it may change by in a pass
+
+
+@dataclass(frozen=True)
+class Sight(Projected):
+    """Recordings beside a twin.
+
+    Attributes:
+        scenes: of the recordings.
+        model: that the twin was simulated with.
+        made: the twin, on the coarser grid.
+        grid: what that grid has wrong, in rows, by a finer one; None: it is not known.
+        known: columns that have been made, by id and shape or place.
+    """
+
+    scenes: Scenes
+    model: Model
+    made: tuple[Recording, ...]
+    grid: np.ndarray | None = field(default=None, repr=False)
+    known: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, scenes: Scenes, model: Model) -> "Sight":
+        """Simulate.
+
+        Raises:
+            ValueError: a recording does not state its scene, or the simulation fails.
+        """
+        return cls(scenes, model, tuple(scenes.rough.rolled(model)))
+
+    @classmethod
+    def fitted(cls, scenes: Scenes, model: Model) -> "Sight":
+        """Beside the model that comes nearest to the first recording, with what the grid has wrong.
+
+        What rings after a shake would make the way there anything but straight.
+
+        Raises:
+            ValueError: as of ``of``.
+        """
+        press = scenes.only([0])
+        for _ in range(PASSES):
+            here = cls.of(press, model)
+            found = np.linalg.lstsq(here._moduli, here.gap, rcond=None)[0]
+            step = np.clip(found, -MOST, MOST)
+            grown = zip(here._keys, np.exp(step), strict=True)
+            values = {**model.values, **{k: model.values[k] * float(f) for k, f in grown}}
+            model = replace(model, values=values)
+            if np.abs(step).max() < SETTLED:
+                break
+        return cls.of(scenes, model).corrected()
+
+    def corrected(self) -> "Sight":
+        """With what the grid has wrong, by one simulation on the finer grid."""
+        fine = self._rows(self.scenes.rolled(self.model))
+        found = replace(self, grid=fine - self._rows(self.made))
+        found.__dict__["_moduli"] = self._moduli
+        return found
+
+    @property
+    def bodies(self) -> list[Body]:
+        return [body(r) for r in self.scenes.recordings]
+
+    @cached_property
+    def gap(self) -> np.ndarray:
+        apart = self._rows(self.scenes.recordings) - self._rows(self.made)
+        return apart if self.grid is None else apart - self.grid
+
+    @cached_property
+    def explained(self) -> np.ndarray:
+        """Those of the moduli; and what the grid has wrong may be more or less, along every axis of the
+        tracks and of the force of every recording."""
+        if self.grid is None:
+            return self._moduli
+        tracked = [3 * int(_valid(r).sum()) for r in self.scenes.recordings]
+        whole = [len(self._of(r, r)) for r in self.scenes.recordings]
+        ends = np.cumsum([n for t, w in zip(tracked, whole, strict=True) for n in (t, w - t)])
+        part = np.searchsorted(ends, np.arange(len(self.grid)), side="right")
+        label = 3 * part + np.arange(len(self.grid)) % 3
+        kinds = np.unique(label)
+        return np.hstack([self._moduli, self.grid[:, None] * (label[:, None] == kinds)])
+
+    @property
+    def _keys(self) -> list[str]:
+        given = self.model.law.constants("given")
+        return [k for k, v in self.model.values.items() if k not in given and v > 0.0]
+
+    @cached_property
+    def _moduli(self) -> np.ndarray:
+        """Columns of the logarithms of what the law does not state, shape [rows, unknowns]."""
+        more = [{**self.model.values, k: self.model.values[k] * np.exp(STEP)} for k in self._keys]
+        made = self.scenes.rough.every([replace(self.model, values=v) for v in more])
+        still = self._rows(self.made)
+        return np.stack([(self._rows(one) - still) / STEP for one in made], axis=1)
+
+    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+        todo = dict[Key, tuple[Effect, Shape]]()
+        for effect, shape in wanted:
+            for key, (at, _) in self._sites(effect, shape).items():
+                if key not in self.known:
+                    todo.setdefault(key, (effect, at))
+        acting = {key: one for key, one in todo.items() if one[0].world is not None}
+        models = [self.model.more(e, _trial(e), shape) for e, shape in acting.values()]
+        made = dict(zip(acting, self.scenes.rough.every(models), strict=True))
+        still = self._rows(self.made)
+        for key, (effect, shape) in todo.items():
+            own = made.pop(key, None) or self._sensed(effect, shape)
+            self.known[key] = (self._rows(own) - still) / _trial(effect)
+
+    def _sensed(self, effect: Effect, shape: Shape) -> list[Recording]:
+        assert effect.sensor is not None
+        return [effect.sensor(one, _trial(effect), shape) for one in self.made]
+
+    def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        self.learn([(effect, shape) for shape in shapes])
+        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
+
+    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
+        sites = self._sites(effect, shape)
+        return np.asarray(sum(share * self.known[key] for key, (_, share) in sites.items()))
+
+    def _sites(self, effect: Effect, shape: Shape) -> dict[Key, tuple[Shape, float]]:
+        if "radius" not in effect.shapes:
+            return {(effect.id, tuple(shape.items())): (shape, 1.0)}
+        return {(effect.id, c): one for c, one in around(self.bodies[0], shape).items()}
+
+    def _rows(self, made: Sequence[Recording]) -> np.ndarray:
+        pairs = zip(self.scenes.recordings, made, strict=True)
+        return np.concatenate([self._of(seen, own) for seen, own in pairs])
+
+    def _of(self, seen: Recording, own: Recording) -> np.ndarray:
+        """What is measured, in standard deviations, where ``seen`` has it."""
+        u = (own.p_WQ - seen.reference)[_valid(seen)] / tracking_noise(seen)
+        forces = measured(seen, 0.0, float(np.ptp(seen.time)))
+        pushes = [own.forces[tool].value / force.noise for tool, force in forces.items()]
+        return np.concatenate([u.ravel(), *(p.ravel() for p in pushes)])
+
+
+def _valid(seen: Recording) -> np.ndarray:
+    """Which points are seen, shape [frames, points]."""
+    return np.isfinite(seen.p_WQ).all(axis=2)
+
+
+def _trial(effect: Effect) -> float:
+    """Coefficient with which an effect is simulated."""
+    return effect.trial or float(np.sqrt(effect.prior[0] * effect.prior[1]))

@@ -1,0 +1,85 @@
+"""Points on two sides of a block, and the force: what a motion shows without any point inside."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from form_drake.diagnose.model import Cause, Model, Scenes
+from form_drake.diagnose.score import ALIKE, coherence, scores
+from form_drake.diagnose.sight import Sight
+from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.records import Recording, Stream
+
+DX, NOISE, PUSH = 0.004, 2e-5, 2e-3
+LAW, TRUTH = LAWS["neo-hookean"], {"C10": 5e3, "kappa": 3e4}
+START = {"C10": 9e3, "kappa": 2e4}
+HIDDEN = {"density": 0.3, "force-delay": 4e-3}
+EFFECTS = [CATALOGUE[n] for n in ("drag", "density", "force-gain", "force-delay", "added-mass")]
+
+
+def block():
+    """A bonded plate presses a block that is seen from two sides, and goes back."""
+    low, size = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
+    X = low + size * np.random.default_rng(0).uniform(size=(60, 3))
+    X[:30, 0], X[30:, 1] = 0.01, 0.01
+    t = np.linspace(0.0, 0.4, 61)
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, 2, 3] = 0.02 - 1.6e-3 * np.sin(np.pi * t / 0.4) ** 2 - 2e-4 * np.sin(50.0 * t)
+    return Recording.from_arrays(
+        t,
+        np.tile(X, (len(t), 1, 1)),
+        p_reference=X,
+        density=1000.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
+        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
+        poses={"plate": Stream(t, pose)},
+        forces={"plate": Stream(t, np.zeros((len(t), 3)))},
+        law=LAW.name,
+        noise=NOISE,
+    )
+
+
+def seen(*causes):
+    """What two cameras and a force sensor record, on a finer grid than the twin's."""
+    (made,) = Scenes.of((block(),), DX / 1.25).rolled(Model(LAW, TRUTH, causes))
+    rng, force = np.random.default_rng(1), made.forces["plate"]
+    value = force.value + PUSH * rng.standard_normal(force.value.shape)
+    p_WQ = made.p_WQ + NOISE * rng.standard_normal(made.p_WQ.shape)
+    push = Stream(force.time, value, noise=PUSH)
+    return replace(made, p_WQ=p_WQ, noise=NOISE, forces={"plate": push})
+
+
+@cache
+def fitted(name=None):
+    causes = [Cause(CATALOGUE[name], HIDDEN[name], {})] if name else []
+    return Sight.fitted(Scenes.of((seen(*causes),), DX, coarser=1.5), Model(LAW, START))
+
+
+def test_nothing_stands_out_of_what_two_sides_show_and_the_moduli_are_found():
+    sight = fitted()
+    for key, true in TRUTH.items():
+        assert sight.model.values[key] == pytest.approx(true, rel=0.03)
+    assert scores(sight, EFFECTS)[0].score < 16.0
+    assert sight.left @ sight.left < 1.1 * len(sight.left)
+
+
+def test_what_the_grid_has_wrong_is_taken_off():
+    sight = fitted()
+    plain = replace(sight, grid=None)
+    assert np.sum(sight.left**2) < np.sum(plain.left**2)
+    fine = Sight.of(replace(sight.scenes, coarser=1.0), sight.model)
+    assert sight.gap == pytest.approx(fine.gap, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_what_is_hidden_stands_out_of_what_two_sides_show(name):
+    found, size = scores(fitted(name), EFFECTS), HIDDEN[name]
+    alike = [s.effect.id for s, c in zip(found, coherence(found)[0], strict=True) if c > ALIKE]
+    assert name in alike and found[0].score > 2.0 * found[len(alike)].score
+    (own,) = (s for s in found if s.effect.id == name)
+    assert 0.5 < own.coefficient / size < 2.0  # to first order, about moduli that took a part
+    assert own.limit < size
