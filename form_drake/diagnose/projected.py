@@ -3,6 +3,7 @@
 It is the same whatever the rows are: those of a balance, or what is seen of a motion.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -14,33 +15,33 @@ from form_drake.motion import Body
 from form_drake.weak.solve import TINY
 
 
-class Projected:
+class Projected(ABC):
     """Data beside a twin, in rows whose covariance is the unit matrix."""
 
     model: Model
 
     @property
+    @abstractmethod
     def bodies(self) -> list[Body]:
         """The specimen in every probe."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def gap(self) -> np.ndarray:
         """What the twin leaves of the data, shape [rows]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def explained(self) -> np.ndarray:
         """Columns of the law's unknowns, and of the causes', shape [rows, unknowns]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
         """Make the columns of effects that will be asked for, on all cores."""
-        raise NotImplementedError
 
+    @abstractmethod
     def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, shape [rows, shapes]."""
-        raise NotImplementedError
 
     @cached_property
     def basis(self) -> np.ndarray:

@@ -30,7 +30,7 @@ class Sight(Projected):
 
     Attributes:
         scenes: of the recordings.
-        model: that the twin was simulated with.
+        model: that the twin was simulated with; its causes stay as they are.
         made: the twin, on the coarser grid.
         grid: what that grid has wrong, in rows, by a finer one; None: it is not known.
         known: columns that have been made, by id and shape or place.
@@ -75,8 +75,8 @@ class Sight(Projected):
     def corrected(self) -> "Sight":
         """With what the grid has wrong, by one simulation on the finer grid."""
         fine = self._rows(self.scenes.rolled(self.model))
-        found = replace(self, grid=fine - self._rows(self.made))
-        found.__dict__["_moduli"] = self._moduli
+        found = replace(self, grid=fine - self._still)
+        found.__dict__.update(_moduli=self._moduli, _noise=self._noise, _still=self._still)
         return found
 
     @property
@@ -85,7 +85,7 @@ class Sight(Projected):
 
     @cached_property
     def gap(self) -> np.ndarray:
-        apart = self._rows(self.scenes.recordings) - self._rows(self.made)
+        apart = self._rows(self.scenes.recordings) - self._still
         return apart if self.grid is None else apart - self.grid
 
     @cached_property
@@ -94,9 +94,12 @@ class Sight(Projected):
         tracks and of the force of every recording."""
         if self.grid is None:
             return self._moduli
-        tracked = [3 * int(_valid(r).sum()) for r in self.scenes.recordings]
-        whole = [len(self._of(r, r)) for r in self.scenes.recordings]
-        ends = np.cumsum([n for t, w in zip(tracked, whole, strict=True) for n in (t, w - t)])
+        pairs = zip(self.made, self._noise, strict=True)
+        sizes = [
+            (3 * int(valid.sum()), sum(own.forces[k].value.size for k in noise))
+            for own, (valid, _, noise) in pairs
+        ]
+        ends = np.cumsum(np.ravel(sizes))
         part = np.searchsorted(ends, np.arange(len(self.grid)), side="right")
         label = 3 * part + np.arange(len(self.grid)) % 3
         kinds = np.unique(label)
@@ -109,11 +112,10 @@ class Sight(Projected):
 
     @cached_property
     def _moduli(self) -> np.ndarray:
-        """Columns of the logarithms of what the law does not state, shape [rows, unknowns]."""
+        """Columns of the logarithms of what the law does not state, if above zero, shape [rows, unknowns]."""
         more = [{**self.model.values, k: self.model.values[k] * np.exp(STEP)} for k in self._keys]
         made = self.scenes.rough.every([replace(self.model, values=v) for v in more])
-        still = self._rows(self.made)
-        return np.stack([(self._rows(one) - still) / STEP for one in made], axis=1)
+        return np.stack([(self._rows(one) - self._still) / STEP for one in made], axis=1)
 
     def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
         todo = dict[Key, tuple[Effect, Shape]]()
@@ -124,10 +126,9 @@ class Sight(Projected):
         acting = {key: one for key, one in todo.items() if one[0].world is not None}
         models = [self.model.more(e, _trial(e), shape) for e, shape in acting.values()]
         made = dict(zip(acting, self.scenes.rough.every(models), strict=True))
-        still = self._rows(self.made)
         for key, (effect, shape) in todo.items():
             own = made.pop(key, None) or self._sensed(effect, shape)
-            self.known[key] = (self._rows(own) - still) / _trial(effect)
+            self.known[key] = (self._rows(own) - self._still) / _trial(effect)
 
     def _sensed(self, effect: Effect, shape: Shape) -> list[Recording]:
         assert effect.sensor is not None
@@ -146,21 +147,30 @@ class Sight(Projected):
             return {(effect.id, tuple(shape.items())): (shape, 1.0)}
         return {(effect.id, c): one for c, one in around(self.bodies[0], shape).items()}
 
+    @cached_property
+    def _still(self) -> np.ndarray:
+        return self._rows(self.made)
+
     def _rows(self, made: Sequence[Recording]) -> np.ndarray:
-        pairs = zip(self.scenes.recordings, made, strict=True)
-        return np.concatenate([self._of(seen, own) for seen, own in pairs])
+        """What is measured, in standard deviations, where the data have it, shape [rows]."""
+        parts = []
+        for own, seen, (valid, sd, noise) in zip(
+            made, self.scenes.recordings, self._noise, strict=True
+        ):
+            parts.append((own.p_WQ - seen.reference)[valid].ravel() / sd)
+            parts += [own.forces[tool].value.ravel() / sd_force for tool, sd_force in noise.items()]
+        return np.concatenate(parts)
 
-    def _of(self, seen: Recording, own: Recording) -> np.ndarray:
-        """What is measured, in standard deviations, where ``seen`` has it."""
-        u = (own.p_WQ - seen.reference)[_valid(seen)] / tracking_noise(seen)
-        forces = measured(seen, 0.0, float(np.ptp(seen.time)))
-        pushes = [own.forces[tool].value / force.noise for tool, force in forces.items()]
-        return np.concatenate([u.ravel(), *(p.ravel() for p in pushes)])
-
-
-def _valid(seen: Recording) -> np.ndarray:
-    """Which points are seen, shape [frames, points]."""
-    return np.isfinite(seen.p_WQ).all(axis=2)
+    @cached_property
+    def _noise(self) -> list[tuple[np.ndarray, float, dict[str, float]]]:
+        """Of every recording: which points it has, shape [frames, points], and the standard deviations of
+        their coordinates [m] and of its forces [N]."""
+        found = []
+        for seen in self.scenes.recordings:
+            forces = measured(seen, 0.0, float(np.ptp(seen.time)))
+            valid = np.isfinite(seen.p_WQ).all(axis=2)
+            found.append((valid, tracking_noise(seen), {k: f.noise for k, f in forces.items()}))
+        return found
 
 
 def _trial(effect: Effect) -> float:
