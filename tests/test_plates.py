@@ -12,8 +12,8 @@ from form_drake.laws import LAWS, law_named
 from form_drake.material import Material
 from form_drake.mpm import stage
 from form_drake.mpm.bodies import block
-from form_drake.mpm.eights import Eights
 from form_drake.mpm.exchange import Scene
+from form_drake.mpm.pencils import Pencils
 from form_drake.mpm.plates import Face
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.stage import Stage
@@ -208,8 +208,8 @@ def test_a_column_that_rounding_alone_weighs_is_at_no_plate(monkeypatch, device)
     soft = Material(LAWS["fixed-corotated"], SOFT, 1000.0)
     still = {"gravity": np.array([3.0, 0.0, -9.81]), "total": True, "device": device}
     found, rest = [], Motions.at_rest(np.zeros(3))
-    for own in (Eights.of, lambda *_: None):  # the way of the CPU, and that of any device
-        monkeypatch.setattr(Eights, "of", own)
+    for own in (Pencils.of, lambda *_: None):  # the way of the CPU, and that of any device
+        monkeypatch.setattr(Pencils, "of", own)
         scene = Scene([soft], [body], [floor], region=region, dx=DX, **still)
         scene.tie(rest)
         found.append(scene.advance(scene.start(), rest, 0.02).force[0])

@@ -217,15 +217,22 @@ def test_a_grid_over_the_rest_shape_meets_no_walls():
         Simulation(solver, LAWS["fixed-corotated"], body, total=True)
 
 
-def test_eight_particles_at_a_time_give_what_one_at_a_time_gives():
-    """Single precision on the CPU goes by groups of particles, double precision by particles."""
+@pytest.mark.parametrize("counts", [None, (8, 5, 3), (5, 17, 3), (3, 5, 21), (11, 2, 2)])
+def test_eight_particles_at_a_time_give_what_one_at_a_time_gives(counts):
+    """Single precision on the CPU goes by lines of particles, double precision by particles."""
     rng = np.random.default_rng(3)
-    x = 0.02 + 0.02 * rng.random((300, 3))  # from one to more than eight to a group
-    body = Body(x, np.full(300, 2.7e-8), 900.0 + 200.0 * rng.random(300))
+    x = 0.02 + 0.02 * rng.random((300, 3))  # in no line
+    nodes = (12, 12, 12)
+    if counts is not None:
+        x = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+        x = rng.permutation(0.75 * DX + x * np.array([0.57, 0.5, 0.41]) * DX)
+        nodes = tuple(max(int(n) + 3, 4) for n in np.floor(x.max(axis=0) / DX - 0.5))  # no more
+    count = len(x)
+    body = Body(x, np.full(count, 2.7e-8), 900.0 + 200.0 * rng.random(count))
     velocity = 2.0 * rng.normal(size=x.shape)
     ends = {}
     for precision in ("float32", "float64"):
-        solver = Solver(dx=DX, nodes=(12, 12, 12), gradient="mls", precision=precision, walls=())
+        solver = Solver(dx=DX, nodes=nodes, gradient="mls", precision=precision, walls=())
         made = Simulation(solver, LAWS["fixed-corotated"], body, total=True)
         made.set_material(SOFT)
         made.reset(x, velocity)

@@ -15,6 +15,7 @@ from form_drake.records.solver import Gradient, Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
 EDGE = 3  # cells of the grid beyond the region that particles may visit
+REST = 1  # of a grid over the rest shape, which none ever leaves
 
 
 @dataclass(frozen=True)
@@ -85,11 +86,12 @@ class Scene:
                     f" out of the region from {low} to {high} m: enlarge the region"
                 )
         self.rest = np.concatenate([b.x for b in bodies])
+        edge = REST if total else EDGE
         if total:
             low = low + dx * np.floor((self.rest.min(axis=0) - low) / dx)
             high = self.rest.max(axis=0)
-        self.corner = low - EDGE * dx
-        nodes = np.ceil((high - low) / dx).astype(int) + 2 * EDGE + 1
+        self.corner = low - edge * dx
+        nodes = np.maximum(np.ceil((high - low) / dx).astype(int), 1) + 2 * edge + 1
         # what a plate gives a particle off its middle is what the force of ``mls`` balances: by the
         # spline's own gradient, layers of few cells give way under plates
         solver = Solver(

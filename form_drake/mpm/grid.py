@@ -13,8 +13,8 @@ import warp as wp
 
 from form_drake.laws.kernels import types
 from form_drake.mpm.boundary import Boundary
-from form_drake.mpm.eights import Eights
 from form_drake.mpm.model import Body
+from form_drake.mpm.pencils import Pencils
 from form_drake.mpm.transfer import g2p, p2g, pulled
 from form_drake.records.solver import Solver
 
@@ -51,11 +51,11 @@ class Grid:
             p2g(solver.gradient, solver.precision),
             g2p(solver.gradient, solver.precision, total),
         )
-        self._eights = None
+        self._pencils = None
         single = solver.precision == "float32" and solver.gradient == "mls"
         if total and single and wp.get_device(device).is_cpu:
             own = body.x, body.mass, np.broadcast_to(body.volume, n)
-            self._eights = Eights.of(*own, solver.dx, nodes)
+            self._pencils = Pencils.of(*own, solver.dx, nodes)
         self._share = t.real(share if total else 1.0)
 
     def _domain(self) -> tuple[np.ndarray, np.ndarray]:
@@ -72,8 +72,8 @@ class Grid:
         own, device = types(self._solver.precision), self._device
         still = wp.zeros(1, dtype=own.vec4, device=device)
         self.values.zero_()
-        if self._eights is not None:
-            wp.copy(self.values, self._eights.mass)
+        if self._pencils is not None:
+            wp.copy(self.values, self._pencils.mass)
         self._particles(own.real(1.0), x, v, C, wp.zeros_like(C), T, still)
         self._boundary.step(self.values, still, wp.zeros(1, dtype=int, device=device))
 
@@ -94,7 +94,7 @@ class Grid:
         ``decay`` [1/s] is the rate at which what nodes keep of their velocity decays.
         """
         if self._total:
-            stays = self._eights is not None
+            stays = self._pencils is not None
             kept = [self.values, clock, decay, self._share, stays]
             self._launch(keep(self._solver.precision), len(self.values), kept)
         else:
@@ -102,9 +102,9 @@ class Grid:
         self._particles(self._share, x, v, C, tau, T, clock)
 
     def _particles(self, share, x, v, C, tau, T, clock) -> None:
-        if self._eights is not None:
+        if self._pencils is not None:
             own = [self.values, v, C, tau, T, share, clock]
-            self._eights.scatter(*own, self._dx, self.nodes)
+            self._pencils.scatter(*own, self._dx, self.nodes)
             return
         place, flux = x, tau
         if self._total:
@@ -122,8 +122,8 @@ class Grid:
         """Particles go on with the velocities of the grid."""
         domain = [self.values, clock, self._dx, self.nodes, self._low, self._high]
         moved = [x, v, C, L, F, lost, T, fault, steps]
-        if self._eights is not None:
-            self._eights.gather(*domain, *moved)
+        if self._pencils is not None:
+            self._pencils.gather(*domain, *moved)
             return
         held, place = self._solver.margin is not None, self._rest if self._total else x
         self._launch(self._kernels[1], len(x), [*domain, held, place, *moved])
