@@ -30,12 +30,13 @@ DX, DT = 2.0e-3, 4.0e-5
 
 @dataclass(frozen=True)
 class Case:
-    """One row: the solver's gradient, law and precision, or a peer's name and law."""
+    """One row: the solver's gradient, law, precision and grid, or a peer's name and law."""
 
     label: str
     law: str
     gradient: str | None = None
     precision: str = "float32"
+    total: bool = False
     peer: str | None = None
 
 
@@ -46,6 +47,10 @@ CASES: dict[str, Case] = {
     "exact-neo-hookean": Case("exact gradient, neo-Hookean", "neo-hookean", "exact"),
     "exact-float64": Case(
         "exact gradient, fixed-corotated, float64", "fixed-corotated", "exact", "float64"
+    ),
+    "rest": Case("MLS over the rest shape, fixed-corotated", "fixed-corotated", "mls", total=True),
+    "rest-neo-hookean": Case(
+        "MLS over the rest shape, neo-Hookean", "neo-hookean", "mls", total=True
     ),
     "textbook": Case("textbook kernel, fixed-corotated", "fixed-corotated", peer="textbook"),
     "textbook-von-mises": Case("textbook kernel, von Mises (J2)", "von-mises", peer="textbook"),
@@ -59,6 +64,8 @@ TARGETS: tuple[tuple[str, str, float | None], ...] = (
     ("exact-von-mises", "textbook-von-mises", None),
     ("exact-neo-hookean", "textbook", None),
     ("exact-float64", "exact", None),
+    ("rest", "textbook", None),
+    ("rest-neo-hookean", "textbook", None),
 )
 TWO_THREADS = 1.6
 
@@ -94,14 +101,17 @@ class Own:
         values = {"mu": job.mu, "lam": job.lam, "tau_y": job.tau_y}
         values |= {"C10": job.mu / 2.0, "kappa": job.lam + 2.0 / 3.0 * job.mu}
         law = law_named(case.law)
-        body = Body(job.x, np.full(len(job.x), job.volume), job.density)
-        self._job, self._simulation = job, Simulation(solver, law, body, device=device)
+        middle = job.x.mean(axis=0)
+        rest = np.linalg.solve(job.F, (job.x - middle)[..., None])[..., 0] + middle
+        body = Body(rest if case.total else job.x, np.full(len(job.x), job.volume), job.density)
+        self._job = job
+        self._simulation = Simulation(solver, law, body, total=case.total, device=device)
         self._simulation.set_material({key: values[key] for key in law.keys})
         self.step = self._simulation.step
 
     def reset(self) -> None:
         """Back to the start of the job."""
-        self._simulation.reset(self._job.x, self._job.v, F=self._job.F)
+        self._simulation.reset(self._job.x, self._job.v, F=self._job.F, T=self._job.F)
 
     @property
     def x(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from form_drake.laws.kernels import types
 
 LANES = 8
 SPAN = 8  # most nodes of a pencil
+SAME = 1e-6  # of a cell, within which places are one
 SLOTS = [0, 4, 1, 5, 2, 6, 3, 7]  # the order in which lanes become quads
 
 _FRAME = """
@@ -251,7 +252,7 @@ class Pencils:
         w = splines(s - base)
         d = w * (np.arange(3) - (s - base)[..., None])
         axis, runs = min(
-            ((a, list(_runs(x, base, a, nodes[a]))) for a in (2, 1, 0)), key=lambda c: len(c[1])
+            ((a, list(_runs(s, base, a, nodes[a]))) for a in (2, 1, 0)), key=lambda c: len(c[1])
         )
         runs.sort(key=lambda run: run[0])  # as they lie in memory
         across = [(axis + 1) % 3, (axis + 2) % 3]
@@ -309,16 +310,17 @@ class Pencils:
         wp.launch(_kernels()[n], dim=dim, inputs=[*own, *inputs], device="cpu")
 
 
-def _runs(x: np.ndarray, base: np.ndarray, axis: int, nodes: int) -> Iterator[np.ndarray]:
-    """Particles of each pencil along an axis: those of equal places across, near each other."""
+def _runs(s: np.ndarray, base: np.ndarray, axis: int, nodes: int) -> Iterator[np.ndarray]:
+    """Particles of each pencil along an axis: those of equal places [cells] across, near each other."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    order = np.lexsort((x[:, axis], x[:, second], x[:, first]))
+    place = np.rint(s / SAME)
+    order = np.lexsort((s[:, axis], place[:, second], place[:, first]))
     span = min(SPAN, nodes // 2 * 2) - 3
     begin = 0
     for n in range(1, len(order) + 1):
         if n < len(order):
             one, last = order[begin], order[n]
-            alike = x[one, first] == x[last, first] and x[one, second] == x[last, second]
+            alike = np.array_equal(place[one, [first, second]], place[last, [first, second]])
             if alike and n - begin < LANES and base[last, axis] - base[one, axis] <= span:
                 continue
         yield order[begin:n]
