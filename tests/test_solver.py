@@ -691,6 +691,14 @@ def test_blow_up_names_the_step_and_particle_that_left():
     sim.step()
 
 
+def test_what_single_precision_cannot_hold_is_refused():
+    x = lattice((2, 2, 2), 0.05) + 0.3
+    body = Body(x, np.full(8, 1e-4), DENSITY)
+    made = Simulation(Solver(0.1, (8, 8, 8), 1e-3), LAWS["fixed-corotated"], body)
+    with pytest.raises(ValueError, match=r"a parameter of 1e\+39 is more than float32 holds"):
+        made.set_material({"mu": 1e4, "lam": 1e39})
+
+
 def test_no_material_is_refused():
     solver = Solver(0.1, (8, 8, 8), 1e-3, precision="float64")
     x = lattice((2, 2, 2), 0.05) + 0.3

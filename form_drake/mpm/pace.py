@@ -20,12 +20,19 @@ class Pace:
         laws: of the bodies.
         bodies: that share the grid.
         lagging: see ``stable_dt``.
+        cfl: see ``stable_dt``.
     """
 
     def __init__(
-        self, solver: Solver, laws: Sequence[Law], bodies: Sequence[Body], *, lagging: bool
+        self,
+        solver: Solver,
+        laws: Sequence[Law],
+        bodies: Sequence[Body],
+        *,
+        lagging: bool,
+        cfl: float = CFL,
     ):
-        self._dx, self._lagging = solver.dx, lagging
+        self._dx, self._lagging, self._cfl = solver.dx, lagging, cfl
         self._g = float(np.linalg.norm(solver.gravity))
         self._laws = tuple(laws)
         self._densities = [float(np.min(body.density)) for body in bodies]
@@ -41,8 +48,9 @@ class Pace:
         """Give every parameter of a body's law a value (SI units)."""
         self._values[body], self._found = dict(values), {}
 
-    def stable(self, speed: float = 0.0, cfl: float = CFL) -> float:
-        """The smallest ``stable_dt`` of the bodies [s]."""
+    def stable(self, speed: float = 0.0, cfl: float | None = None) -> float:
+        """The smallest ``stable_dt`` of the bodies [s]; with another ``cfl`` than the pace's, if given."""
+        cfl = self._cfl if cfl is None else cfl
         if (speed, cfl) not in self._found:
             parts = zip(self._laws, self._values, self._densities, strict=True)
             limits = [
@@ -56,6 +64,6 @@ class Pace:
     def falling(self, fastest: float) -> float:
         """Step [s] that stays stable for ``STEPS`` steps in which gravity acts on the ``fastest`` [m/s]."""
         limit = self.stable(fastest)
-        # dt (CFL dx / limit + STEPS g dt) = CFL dx
-        gain = STEPS * self._g * limit**2 / (CFL * self._dx)
+        # dt (cfl dx / limit + STEPS g dt) = cfl dx
+        gain = STEPS * self._g * limit**2 / (self._cfl * self._dx)
         return 2.0 * limit / (1.0 + math.sqrt(1.0 + 4.0 * gain))

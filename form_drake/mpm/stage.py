@@ -182,7 +182,7 @@ class _Play:
         ]
         ends = np.concatenate([[0.0], *parts])
         snapshot = self._settled()
-        frames, forces = [snapshot], [snapshot.force]
+        frames, forces, late = [snapshot], [snapshot.force], []
         steps = np.diff(ends)
         motions = _motions([_followed(p.at(ends), steps) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
@@ -190,9 +190,11 @@ class _Play:
             snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own], self.world.drag)
             forces.extend(mean)
             frames.append(snapshot)
+            late += [0.5 * self.scene.simulation.dt] * len(mean)
         if not all(np.isfinite(f.p_WQ).all() for f in frames):
             raise ValueError("the simulation of the recorded scene does not stay finite")
-        stamps = np.concatenate([[0.0], 0.5 * (ends[1:] + ends[:-1]), ends[-1:]])
+        # the impulses of a step balance stresses as they are where it begins
+        stamps = np.concatenate([[0.0], 0.5 * (ends[1:] + ends[:-1]) - late, ends[-1:]])
         return frames, stamps, np.array([*forces, snapshot.force])
 
     def _settled(self) -> Snapshot:
