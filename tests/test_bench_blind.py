@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.bench import blind
+from form_drake.bench import blind, blind_score
 from form_drake.bench.blind_score import digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
@@ -196,6 +196,14 @@ def test_every_effect_has_a_size_to_compare():
     assert set(SIZES) == set(CATALOGUE)
 
 
+def test_what_the_grid_has_wrong_is_told_where_it_was_taken_off():
+    truth = {"0": {"kind": "null", "effects": {}, "body": BODY}}
+    one = {"id": "0", "passes": [{"scores": {"drag": 2.0}}], "lesser": {}, "limits": {}}
+    assert not blind_score.before([one], truth)
+    one |= {"lesser": {"uncorrected": {"drag": 9.0}}, "before": {"limits": {"drag": 1.0}}}
+    assert blind_score.before([one], truth) == {"before": {"nulls": {"drag": 9.0}, "limits": {}}}
+
+
 def test_intervals_of_rates():
     assert wilson(0, 0) == (0.0, 1.0)
     assert wilson(39, 40) == pytest.approx((0.871, 0.996), abs=2e-3)  # Wilson's, by hand
@@ -220,7 +228,7 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     assert len(result["results"]) == 10 and len(asked) == 11
     assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
     with pytest.raises(ValueError, match="verdicts of other probes"):
-        blind.run_blind(drawn / "a.json", seal, out, alone=True)
+        blind.run_blind(drawn / "a.json", seal, out, probes="press")
     monkeypatch.setattr(blind, "fingerprint", lambda: "another")
     with pytest.raises(ValueError, match="one run counts, begin another file"):
         blind.run_blind(drawn / "a.json", seal, out)
@@ -241,7 +249,7 @@ def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monk
 
     every = blind.cases_of(drawn / "a.json")
     names = {case: name for name, case in every.items()}
-    monkeypatch.setattr(blind, "cases_of", lambda path: every)
+    monkeypatch.setattr(blind, "cases_of", lambda path, faces: every)
     monkeypatch.setattr(blind, "_verdict", verdict)
     with pytest.raises(RuntimeError, match="broken off"):
         blind.run_blind(drawn / "a.json", seal, out)
@@ -275,6 +283,7 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     sizeless, listed = str(tmp_path / "sizeless"), str(tmp_path / "listed.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
+        (["--seal", seal, "--cases", key, "--faces", "--press-alone"], "choose one"),
         (["--seal", seal, "--score", sizeless, "--key", key], "lacks its size"),
         (["--seal", seal, "--score", good, "--key", listed], "no key; each"),
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),

@@ -1,14 +1,16 @@
 """Points on two sides of a block, and the force: what a motion shows without any point inside."""
 
+import json
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from form_drake.bench import blind_faces
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.score import ALIKE, coherence, scores
-from form_drake.diagnose.sight import Sight
+from form_drake.diagnose.sight import Sight, guessed
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
@@ -69,7 +71,7 @@ def test_nothing_stands_out_of_what_two_sides_show_and_the_moduli_are_found():
 
 def test_what_the_grid_has_wrong_is_taken_off():
     sight = fitted()
-    plain = replace(sight, grid=None)
+    plain = sight.uncorrected
     assert np.sum(sight.left**2) < np.sum(plain.left**2)
     fine = Sight.of(replace(sight.scenes, coarser=1.0), sight.model)
     assert sight.gap == pytest.approx(fine.gap, abs=1e-9)
@@ -83,3 +85,23 @@ def test_what_is_hidden_stands_out_of_what_two_sides_show(name):
     (own,) = (s for s in found if s.effect.id == name)
     assert 0.5 < own.coefficient / size < 2.0  # to first order, about moduli that took a part
     assert own.limit < size
+
+
+def test_a_stiffness_is_guessed_from_force_and_points():
+    model = guessed(seen(), LAW, {})
+    for found, true in zip(LAW.moduli(model.values), LAW.moduli(TRUTH), strict=True):
+        assert 0.25 < found / true < 4.0
+    still = replace(seen(), forces={})
+    with pytest.raises(ValueError, match="no measured force is on a tool that touches the body"):
+        guessed(still, LAW, {})
+
+
+def test_a_case_that_two_sides_show_is_ranked(monkeypatch):
+    monkeypatch.setattr(blind_faces, "CATALOGUE", {e.id: e for e in EFFECTS})
+    monkeypatch.setattr(Sight, "fitted", lambda *_: fitted("density"))
+    told = blind_faces.ranking([seen(Cause(CATALOGUE["density"], HIDDEN["density"], {}))])
+    (named,) = told["effects"]
+    assert told["verdict"] == "named" and "density" in named["class"]
+    assert set(told["passes"][0]["scores"]) == set(told["limits"]) == {e.id for e in EFFECTS}
+    assert told["lesser"]["uncorrected"].keys() == told["before"]["limits"].keys()
+    json.dumps(told)

@@ -11,10 +11,11 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 from tqdm import tqdm
 
+from form_drake.bench.blind_faces import ranking
 from form_drake.bench.cases import fingerprint
 from form_drake.bench.oracles import recorded, run
 from form_drake.diagnose import diagnosed, thresholds
@@ -32,16 +33,21 @@ PLACEBOS = 3  # one case of so many has placebos verified too
 TOP = 3  # effects that are told of simpler statistics
 
 Case = Callable[[], list[Recording]]
+Probes = Literal["all", "press", "faces"]
 
 
-def cases_of(path: Path) -> dict[str, Case]:
+def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
     """Cases by id: of a folder of folders, or of a list of seeds from which they are made again.
+
+    Args:
+        path: of either.
+        faces: whether those that are made again have points on two sides alone.
 
     Raises:
         ValueError: there are none, or the folder holds a key.
     """
     if path.is_file():
-        return {one["id"]: lambda one=one: _made(one) for one in _listed(path)}
+        return {one["id"]: lambda one=one: _made(one, faces=faces) for one in _listed(path)}
     if not path.is_dir():
         raise ValueError(f"{path}: no such folder, nor a list of cases")
     keys = [p.name for p in path.rglob("*") if "key" in p.stem and p.suffix == ".json"]
@@ -71,10 +77,11 @@ def _kept(folder: Path) -> list[Recording]:
     return [read(p) for p in (folder / f"{name}.h5" for name in PROBES) if p.is_file()]
 
 
-def _made(one: Mapping[str, Any]) -> list[Recording]:
+def _made(one: Mapping[str, Any], *, faces: bool) -> list[Recording]:
     with TemporaryDirectory() as name:
         key, out = Path(name) / "key.json", Path(name) / "cases"
         words = ["--seed", str(one["seed"]), "--kind", one["kind"], "--noisy"]
+        words += ["--faces"] if faces else []
         run("hidden_effects.py", *words, "--out", out, "--key", key)
         return [recorded(out / one["id"] / probe) for probe in PROBES]
 
@@ -112,7 +119,7 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def run_blind(
-    cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = (), alone: bool = False
+    cases: Path, seal: Path, out: Path, *, only: tuple[str, ...] = (), probes: Probes = "all"
 ) -> dict[str, Any]:
     """Diagnose every case that has no verdict yet, as many at a time as there are cores.
 
@@ -121,18 +128,19 @@ def run_blind(
         seal: file with the hash of the key.
         out: file of verdicts.
         only: parts of ids; cases that contain none of them are left out. Empty: all.
-        alone: whether the press is read without the shake.
+        probes: what is read: ``press`` without the shake, or of both what ``faces`` show, see
+            ``form_drake.bench.blind_faces``.
 
     Raises:
         ValueError: the file of verdicts is of other code, another seal or other probes, or ``only``
             leaves no case.
     """
-    every = cases_of(cases)
+    every = cases_of(cases, faces=probes == "faces")
     wanted = [n for n in every if not only or any(o in n for o in only)]
     if not wanted:
         raise ValueError(f"--only {' '.join(only)}: no id has it; ids are like {min(every)}")
     head = {"code": fingerprint(), "seal": sealed(seal)}
-    head |= {"probes": "press"} if alone else {}
+    head |= {} if probes == "all" else {"probes": probes}
     out = target(out)
     if out.is_file():
         begun, results = verdicts(out)
@@ -153,8 +161,15 @@ def run_blind(
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
 
     def told(name: str) -> dict[str, Any]:
-        placebo = _placebo(name, head["seal"])
-        return plain({"id": name, **_verdict(every[name], alone=alone, placebo=placebo)})
+        case, placebo, begun = every[name], _placebo(name, head["seal"]), worked()
+        try:
+            if probes == "faces":
+                found = ranking(case()[:2])
+            else:
+                found = _verdict(case, alone=probes == "press", placebo=placebo)
+        except ValueError as error:
+            found = {"verdict": "error", "why": str(error)}
+        return plain({"id": name, "seconds": worked() - begun, **found})
 
     made = unordered(told, left, fork=fork)
     for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
@@ -171,20 +186,16 @@ def _placebo(name: str, seal: str) -> int | None:
 
 
 def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
-    begun = _worked()
-    try:
-        press, *more = case()
-        law = law_named(press.law or "neo-hookean")
-        found = diagnosed(
-            [press] if alone else [press, *more[:1]],
-            law,
-            effects=list(CATALOGUE.values()),
-            thresholds=thresholds(),
-            holdout=more[1:],
-            placebo=placebo,
-        )
-    except ValueError as error:
-        return {"verdict": "error", "why": str(error), "seconds": _worked() - begun}
+    press, *more = case()
+    begun = worked()
+    found = diagnosed(
+        [press] if alone else [press, *more[:1]],
+        law_named(press.law or "neo-hookean"),
+        effects=list(CATALOGUE.values()),
+        thresholds=thresholds(),
+        holdout=more[1:],
+        placebo=placebo,
+    )
     told = found.to_json()
     kept = {k: told[k] for k in ("verdict", "failed", "effects", "values", "gap", "placebos")}
     passes = [
@@ -194,7 +205,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
         }
         for p in told["passes"]
     ]
-    seconds = _worked() - begun
+    seconds = worked() - begun  # without the ablation
     simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
     return {
         **kept,
@@ -206,7 +217,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     }
 
 
-def _worked() -> float:
+def worked() -> float:
     """Processor time of this process and its children [s], which other work beside it does not change."""
     return float(sum(os.times()[:4]))
 

@@ -128,6 +128,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         "gap": _gaps(results, truth),
         "placebos": _placebos(results, truth),
         "nulls": _nulls(results, truth),
+        **before(results, truth),
         "ablation": _ablation(results, truth),
         "seconds": float(np.median([one["seconds"] for one in results])) if results else None,
         "errors": [one["id"] for one in results if one["verdict"] == "error"],
@@ -210,6 +211,18 @@ def _nulls(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, 
     return found
 
 
+def before(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
+    """Nulls and limits without what the grid has wrong, where that was told."""
+    plain = [
+        {**one, "passes": [{"scores": one["lesser"]["uncorrected"]}], **one["before"]}
+        for one in results
+        if "before" in one
+    ]
+    if not plain:
+        return {}
+    return {"before": {"nulls": _nulls(plain, truth), "limits": limits(plain, truth)["ratios"]}}
+
+
 def table(result: Mapping[str, Any]) -> str:
     """As printed."""
     lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
@@ -230,13 +243,16 @@ def table(result: Mapping[str, Any]) -> str:
     for way, own in result["ablation"].items():
         rights, alarms = (f"{own[k][0]:3d} of {own[k][1]:3d}" for k in ("right", "false"))
         lines.append(f"columns alone, {way:10} right {rights}, nulls over {LEAST:g}: {alarms}")
+    plain = result.get("before", {"nulls": {}, "limits": {}})
     for title, numbers in (
         ("held out, medians of single effects named rightly", result["gap"]),
         ("closure with a wrong effect in the place of the right one", result["placebos"]),
         ("largest scores where nothing is hidden", result["nulls"]),
+        ("the same with what the grid has wrong", plain["nulls"]),
         ("limits, observed over predicted", seen["ratios"]),
+        ("the same with what the grid has wrong", plain["limits"]),
     ):
-        lines += ["", title]
+        lines += ["", title] if numbers else []
         lines += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
     lines += ["", "strong singles not named: hidden, verdict, named"]
     lines += [

@@ -144,6 +144,8 @@ class Blind:
     """Run only cases whose ids contain one of these."""
     press_alone: bool = False
     """Read the press without the shake; its verdicts want a file of their own."""
+    faces: bool = False
+    """Read what points on two sides and the force show, by scores alone; a file of their own too."""
     score: Path | None = None
     """File of verdicts to score; no case is run."""
     key: Path | None = None
@@ -162,7 +164,10 @@ class Blind:
         if self.cases is None:
             raise ValueError("no --cases: a folder of cases, or a list of seeds")
         out = self.out or Path("runs/bench-blind/blind.json")
-        result = blind.run_blind(self.cases, self.seal, out, only=self.only, alone=self.press_alone)
+        if self.press_alone and self.faces:
+            raise ValueError("--press-alone and --faces are for runs of their own: choose one")
+        probes: blind.Probes = "press" if self.press_alone else "faces" if self.faces else "all"
+        result = blind.run_blind(self.cases, self.seal, out, only=self.only, probes=probes)
         emit(blind.table(result), result, as_json=self.json)
         say(f"written: {out}")
 

@@ -18,6 +18,7 @@ from form_drake.workers import forkable, mapped
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
+Parts = tuple[dict[Key, Shape], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -52,16 +53,18 @@ class Columns:
 
     def of(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """An effect's columns, in rows of A theta - b, shape [rows, shapes]."""
-        self.learn([(effect, shape) for shape in shapes])
-        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
+        self.learn([(effect, shapes)])
+        known, (sites, shares) = self._store(effect), self._parts(effect, shapes)
+        return np.stack([known[key] for key in sites], axis=1) @ shares
 
-    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+    def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
         """Make what columns of effects need that is not known yet, on all cores."""
-        todo = dict[Key, tuple[Effect, Shape]]()
-        for effect, shape in wanted:
-            for key, at in self._needs(effect, shape).items():
-                if key not in self._store(effect):
-                    todo.setdefault(key, (effect, at))
+        todo = {
+            key: (effect, at)
+            for effect, shapes in wanted
+            for key, at in self._parts(effect, shapes)[0].items()
+            if key not in self._store(effect)
+        }
         tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
         if any(not effect.trial for _, (effect, _) in tasks):
             assert self.readings  # made once for all copies
@@ -69,20 +72,8 @@ class Columns:
         for (key, (effect, _)), column in zip(tasks, made, strict=True):
             self._store(effect)[key] = column
 
-    def _needs(self, effect: Effect, shape: Shape) -> dict[Key, Shape]:
-        """Shapes whose columns make up one: its own, or places from one to the next of which it goes evenly."""
-        if not _placed(effect):
-            return {(effect.id, tuple(shape.items())): shape}
-        sites = around(self.problem.probes[0].body, shape)
-        return {(effect.id, corner): there for corner, (there, _) in sites.items()}
-
-    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
-        known = self._store(effect)
-        if not _placed(effect):
-            return known[effect.id, tuple(shape.items())]
-        sites = around(self.problem.probes[0].body, shape)
-        parts = [share * known[effect.id, corner] for corner, (_, share) in sites.items()]
-        return np.asarray(np.sum(parts, axis=0))
+    def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
+        return parts(effect, shapes, self.problem.probes[0].body, placed=_placed(effect))
 
     def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
         """Where its columns are kept: with other twins, or with this one alone."""
@@ -117,19 +108,42 @@ class Columns:
         return found
 
 
-def around(body: Body, shape: Shape) -> dict[tuple[int, ...], tuple[Shape, float]]:
+def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) -> Parts:
+    """Shapes whose columns add up to those of others, by key, and their shares, shape [these, shapes].
+
+    They are those that the effect states, or places, or themselves.
+
+    Args:
+        effect: with its shape parameters.
+        shapes: values of these.
+        body: of the first probe.
+        placed: whether columns of an effect with a place are made at some, and go evenly between.
+    """
+    if placed and "radius" in effect.shapes:
+        return _around(effect, shapes, body)
+    own, shares = (shapes, np.eye(len(shapes))) if effect.parts is None else effect.parts(shapes)
+    keys: list[Key] = [(effect.id, tuple(one.items())) for one in own]
+    sites = dict(zip(keys, own, strict=True))  # a shape may be asked for twice
+    order = {key: n for n, key in enumerate(sites)}
+    found = np.zeros((len(sites), len(shapes)))
+    np.add.at(found, [order[key] for key in keys], shares)
+    return sites, found
+
+
+def _around(effect: Effect, shapes: Sequence[Shape], body: Body) -> Parts:
     """Eight places in a body, and the shares in which what is felt of a place is that of them.
 
     They have the radius that was tried first: what is so small is felt as a point.
     """
-    size = body.high - body.low
-    at = (np.array([shape[k] for k in "xyz"]) - body.low - SITES[0] * size) / size
-    part, found = at / (SITES[1] - SITES[0]), dict[tuple[int, ...], tuple[Shape, float]]()
+    size, sites = body.high - body.low, dict[Key, Shape]()
+    at = (np.array([[shape[k] for k in "xyz"] for shape in shapes]) - body.low) / size
+    part, shares = (at - SITES[0]) / (SITES[1] - SITES[0]), []
     for corner in np.ndindex(2, 2, 2):
         place = body.low + size * np.take(SITES, corner)
-        there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shape["radius"]}
-        found[corner] = there, float(np.prod(np.where(corner, part, 1.0 - part)))
-    return found
+        there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shapes[0]["radius"]}
+        sites[effect.id, corner] = there
+        shares.append(np.prod(np.where(corner, part, 1.0 - part), axis=1))
+    return sites, np.array(shares)
 
 
 def _placed(effect: Effect) -> bool:

@@ -159,7 +159,7 @@ class Match(Projected):
         """An effect's columns, whitened, shape [rows, shapes]."""
         return self.by.white(self.raw.of(effect, shapes))
 
-    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+    def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
         """Make columns that will be asked for, on all cores."""
         self.raw.learn(wanted)
 
@@ -177,7 +177,7 @@ class Match(Projected):
     def slopes(self) -> np.ndarray:
         """The same, not whitened."""
         own = self.twin.jacobian(*self.twin.coordinates(self.model.values))
-        self.raw.learn([(c.effect, shape) for c in self.model.causes for shape in c.beside])
+        self.raw.learn([(c.effect, c.beside) for c in self.model.causes])
         return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
 
     def _slopes(self, cause: Cause) -> np.ndarray:

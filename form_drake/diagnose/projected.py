@@ -36,7 +36,7 @@ class Projected(ABC):
         """Columns of the law's unknowns, and of the causes', shape [rows, unknowns]."""
 
     @abstractmethod
-    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
+    def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
         """Make the columns of effects that will be asked for, on all cores."""
 
     @abstractmethod

@@ -68,7 +68,7 @@ def scores(match: Projected, effects: Iterable[Effect]) -> list[Score]:
     bodies, body = match.bodies, match.bodies[0]
     fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
     tried = {e.id: (e, shapes(e, body)) for e in fitting}
-    match.learn([(e, shape) for e, every in tried.values() for shape in every])
+    match.learn(list(tried.values()))
     found = (scored(match, *one) for one in tried.values())
     return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)
 

@@ -10,11 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.diagnose.columns import Key, around
+from form_drake.diagnose.columns import Key, Parts, parts
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import tracking_noise
 from form_drake.effects import Effect, Shape
+from form_drake.identify.start import guesses
+from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
 from form_drake.records import Recording
 from form_drake.weak.force import measured
@@ -22,6 +24,7 @@ from form_drake.weak.force import measured
 STEP = 0.02  # of the logarithm of a modulus, in differences
 PASSES, SETTLED = 8, 0.003  # of a fit; change of such a logarithm that is none
 MOST = np.log(2.0)  # that it may change by in a pass
+LEAST = 1e-3  # strain below which a stiffness is not guessed
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,15 @@ class Sight(Projected):
 
     def corrected(self) -> "Sight":
         """With what the grid has wrong, by one simulation on the finer grid."""
-        fine = self._rows(self.scenes.rolled(self.model))
-        found = replace(self, grid=fine - self._still)
+        return self._with(self._rows(self.scenes.rolled(self.model)) - self._still)
+
+    @property
+    def uncorrected(self) -> "Sight":
+        """The same with whatever the grid has wrong."""
+        return self._with(None)
+
+    def _with(self, grid: np.ndarray | None) -> "Sight":
+        found = replace(self, grid=grid)
         found.__dict__.update(_moduli=self._moduli, _noise=self._noise, _still=self._still)
         return found
 
@@ -117,12 +127,13 @@ class Sight(Projected):
         made = self.scenes.rough.every([replace(self.model, values=v) for v in more])
         return np.stack([(self._rows(one) - self._still) / STEP for one in made], axis=1)
 
-    def learn(self, wanted: Sequence[tuple[Effect, Shape]]) -> None:
-        todo = dict[Key, tuple[Effect, Shape]]()
-        for effect, shape in wanted:
-            for key, (at, _) in self._sites(effect, shape).items():
-                if key not in self.known:
-                    todo.setdefault(key, (effect, at))
+    def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
+        todo = {
+            key: (effect, at)
+            for effect, shapes in wanted
+            for key, at in self._parts(effect, shapes)[0].items()
+            if key not in self.known
+        }
         acting = {key: one for key, one in todo.items() if one[0].world is not None}
         models = [self.model.more(e, _trial(e), shape) for e, shape in acting.values()]
         made = dict(zip(acting, self.scenes.rough.every(models), strict=True))
@@ -135,17 +146,12 @@ class Sight(Projected):
         return [effect.sensor(one, _trial(effect), shape) for one in self.made]
 
     def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
-        self.learn([(effect, shape) for shape in shapes])
-        return np.stack([self._column(effect, shape) for shape in shapes], axis=1)
+        self.learn([(effect, shapes)])
+        sites, shares = self._parts(effect, shapes)
+        return np.stack([self.known[key] for key in sites], axis=1) @ shares
 
-    def _column(self, effect: Effect, shape: Shape) -> np.ndarray:
-        sites = self._sites(effect, shape)
-        return np.asarray(sum(share * self.known[key] for key, (_, share) in sites.items()))
-
-    def _sites(self, effect: Effect, shape: Shape) -> dict[Key, tuple[Shape, float]]:
-        if "radius" not in effect.shapes:
-            return {(effect.id, tuple(shape.items())): (shape, 1.0)}
-        return {(effect.id, c): one for c, one in around(self.bodies[0], shape).items()}
+    def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
+        return parts(effect, shapes, self.bodies[0], placed=True)
 
     @cached_property
     def _still(self) -> np.ndarray:
@@ -171,6 +177,30 @@ class Sight(Projected):
             valid = np.isfinite(seen.p_WQ).all(axis=2)
             found.append((valid, tracking_noise(seen), {k: f.noise for k, f in forces.items()}))
         return found
+
+
+def guessed(recording: Recording, law: Law, known: Values) -> Model:
+    """A model by the stiffness that the largest force and the strain of the points along it show.
+
+    Raises:
+        ValueError: no tool of which the force is measured touches the body.
+    """
+    shape = body(recording)
+    touched = [f for f in shape.faces if f.tool in recording.forces]
+    if not touched:
+        raise ValueError(
+            "no measured force is on a tool that touches the body: its stiffness is open"
+        )
+    face = touched[0]
+    edges, force = shape.high - shape.low, recording.forces[face.tool]
+    most = int(np.argmax(np.abs(force.value[:, face.axis])))
+    frame = int(np.argmin(np.abs(recording.time - force.time[most])))
+    moved = (recording.p_WQ[frame] - recording.reference)[:, face.axis]
+    seen = np.isfinite(moved)
+    strain = np.polyfit(recording.reference[seen, face.axis], moved[seen], 1)[0]
+    stress = force.value[most, face.axis] * edges[face.axis] / np.prod(edges)
+    modulus = abs(stress) / max(abs(strain), LEAST)
+    return Model(law, {**known, **guesses(law, known, [float(modulus)])[0]})
 
 
 def _trial(effect: Effect) -> float:

@@ -124,6 +124,8 @@ class Effect:
         shown: motions that show it.
         shapes: values of the shape parameters among which it is sought, by name; they are refined
             from the best. None for those of a place, which is sought in the body: x, y, z, radius.
+        parts: shapes -> shapes, and the shares in which columns of these add up to those of the former, shape
+            [these, shapes]; None: each stands for itself.
         signed: whether the coefficient may be negative.
         least: coefficient that every one is above; of a signed effect, else it is zero.
         most: largest coefficient that there can be.
@@ -142,6 +144,9 @@ class Effect:
     sensor: Callable[[Any, float, Shape], Any] | None = field(default=None, repr=False)
     shown: tuple[str, ...] = ()
     shapes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    parts: Callable[[Sequence[Shape]], tuple[list[Shape], np.ndarray]] | None = field(
+        default=None, repr=False
+    )
     signed: bool = True
     least: float = -np.inf
     most: float = np.inf

@@ -1,6 +1,6 @@
 """Effects of the material: stresses that the declared law leaves out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement
@@ -86,30 +86,23 @@ def _fibres() -> np.ndarray:
     return tried[order[:15]]
 
 
-def _fibre_column(reading: Reading, shape: Shape) -> np.ndarray:
+def _by_fibres(shapes: Sequence[Shape]) -> tuple[list[Shape], np.ndarray]:
     """Stress is of fourth order in a direction of unit length, the 1 of I4 - 1 being its square."""
-
-    def made() -> np.ndarray:
-        each = [{"azimuth": a, "elevation": e} for a, e in _fibres().tolist()]
-        return np.stack([reading.added("anisotropy", one) for one in each], axis=1)
-
-    own = np.array([[shape["azimuth"], shape["elevation"]]])
-    share = np.linalg.solve(_quartic(_fibres()).T, _quartic(own)[0])
-    return np.asarray(reading.once("fibres", made) @ share)
+    own = np.array([[shape["azimuth"], shape["elevation"]] for shape in shapes])
+    each: list[Shape] = [{"azimuth": a, "elevation": e} for a, e in _fibres().tolist()]
+    return each, np.linalg.solve(_quartic(_fibres()).T, _quartic(own).T)
 
 
-ANISOTROPY = replace(
-    _added(
-        "anisotropy",
-        "k_f",
-        sentence="the material is stiffer along one direction",
-        unit="Pa",
-        prior=(10.0, 1e6),
-        shown=("a press with the specimen turned", "shake"),
-        shapes={"azimuth": tuple(AZIMUTHS.tolist()), "elevation": tuple(ELEVATIONS.tolist())},
-        signed=False,
-    ),
-    column=_fibre_column,
+ANISOTROPY = _added(
+    "anisotropy",
+    "k_f",
+    sentence="the material is stiffer along one direction",
+    unit="Pa",
+    prior=(10.0, 1e6),
+    shown=("a press with the specimen turned", "shake"),
+    shapes={"azimuth": tuple(AZIMUTHS.tolist()), "elevation": tuple(ELEVATIONS.tolist())},
+    parts=_by_fibres,
+    signed=False,
 )
 
 

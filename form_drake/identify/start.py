@@ -1,6 +1,6 @@
 """Where the rollouts start: a coarse scan that uses no truth, then the carried one-step solve."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -20,13 +20,16 @@ MOST_STEPS = 200
 FINEST_NOISE = 1e-6
 
 
-def guesses(law: Law, known: Mapping[str, float]) -> list[dict[str, float]]:
-    """The scanned values: Young's moduli from 1e3 to 1e7 Pa times each parameter's guesses."""
+def guesses(
+    law: Law, known: Mapping[str, float], moduli: Sequence[float] = SCANNED_E
+) -> list[dict[str, float]]:
+    """The scanned values: Young's moduli [Pa] times each parameter's guesses."""
     sought = [law.parameter(k) for k in law.keys if k not in known]
     scaled = [p.unit in ("Pa", "Pa s") for p in sought]
-    moduli = SCANNED_E if any(scaled) else (1.0,)
     found = []
-    for E, choice in product(moduli, product(*(p.guess for p in sought))):
+    for E, choice in product(
+        moduli if any(scaled) else (1.0,), product(*(p.guess for p in sought))
+    ):
         pairs = zip(sought, scaled, choice, strict=True)
         found.append({p.key: g * E if s else g for p, s, g in pairs})
     return found
