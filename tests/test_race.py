@@ -145,7 +145,7 @@ def test_a_place_is_sought_from_several(course, monkeypatch):
     places = [{**at, "z": z} for z in (0.0, 1e-3, 10e-3, 20e-3)]
     sizes = (90.0, 80.0, 70.0, 10.0)  # the second is beside the first, the last explains too little
     every = [score("inclusion", s, **p) for s, p in zip(sizes, places, strict=True)]
-    match.problem = SimpleNamespace(probes=[SimpleNamespace(body=None)])
+    match.bodies = [None]
     monkeypatch.setattr(race, "shapes", lambda effect, body: places)
     monkeypatch.setattr(race, "ranked", lambda match, effect, tried: every)
     ways |= {

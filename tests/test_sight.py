@@ -9,6 +9,7 @@ import pytest
 
 from form_drake.bench import blind_faces
 from form_drake.diagnose.model import Cause, Model, Scenes
+from form_drake.diagnose.race import raced
 from form_drake.diagnose.score import ALIKE, coherence, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.effects import CATALOGUE
@@ -74,7 +75,7 @@ def test_what_the_grid_has_wrong_is_taken_off():
     plain = sight.uncorrected
     assert np.sum(sight.left**2) < np.sum(plain.left**2)
     fine = Sight.of(replace(sight.scenes, coarser=1.0), sight.model)
-    assert sight.gap == pytest.approx(fine.gap, abs=1e-9)
+    assert sight.apart == pytest.approx(fine.apart, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", HIDDEN)
@@ -85,6 +86,22 @@ def test_what_is_hidden_stands_out_of_what_two_sides_show(name):
     (own,) = (s for s in found if s.effect.id == name)
     assert 0.5 < own.coefficient / size < 2.0  # to first order, about moduli that took a part
     assert own.limit < size
+
+
+def test_what_a_strong_effect_changes_is_simulated_before_it_is_named():
+    """To first order force that comes late, and any damping, do nearly as well."""
+    size, shape = 150.0, {"n": 0.5}
+    hidden = seen(Cause(CATALOGUE["rate-dependence"], size, shape))
+    sight = Sight.fitted(Scenes.of((hidden,), DX, coarser=1.5), Model(LAW, START))
+    rivals = [CATALOGUE[n] for n in ("rate-dependence", "damping", "force-delay", "drag")]
+    found = scores(sight, rivals)
+    assert found[2].score > 0.8 * found[0].score
+    first, *others = raced(sight, found)
+    (cause,) = first.search.match.told.causes
+    assert cause.effect.id == "rate-dependence" and first.left < 0.01 * sight.excess_left
+    assert all(other.left > 10.0 * first.left for other in others)
+    assert cause.coefficient == pytest.approx(size, rel=0.05)
+    assert cause.shape["n"] == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_stiffness_is_guessed_from_force_and_points():

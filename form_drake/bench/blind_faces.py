@@ -1,11 +1,13 @@
-"""Sealed cases seen from outside: what points on two sides and the force tell of an effect."""
+"""Sealed cases seen from outside: what points on two sides and the force tell of an effect.
+
+Scores of columns say which effects are simulated; which of these it is, how near they come.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from form_drake.diagnose.model import Scenes
+from form_drake.diagnose.race import Runner, raced
 from form_drake.diagnose.score import ALIKE, Score, coherence, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.diagnose.verdict import LEAST
@@ -15,7 +17,7 @@ from form_drake.records import Recording
 
 
 def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """The effect whose column explains most, and all scores, also without what the grid has wrong.
+    """The effect whose simulation comes nearest, and all scores, also with what the grid has wrong.
 
     Args:
         recordings: of a press and a shake.
@@ -26,29 +28,34 @@ def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
     law = law_named(recordings[0].law or "neo-hookean")
     sight = Sight.fitted(Scenes.of(tuple(recordings)), guessed(recordings[0], law, {}))
     found, plain = (scores(one, CATALOGUE.values()) for one in (sight, sight.uncorrected))
+    seen = [s for s in found if s.score > LEAST]
+    runners = raced(sight, seen) if seen else []
     left = sight.left
     return {
-        "verdict": "named" if found[0].score > LEAST else "none",
-        "effects": [_named(found)] if found[0].score > LEAST else [],
+        "verdict": "named" if seen else "none",
+        "effects": [_named(runners[0], found)] if seen else [],
         "values": dict(sight.model.values),
         "passes": [{"residual": float(left @ left / len(left)), "scores": _scores(found)}],
         "limits": {s.effect.id: s.limit for s in found},
-        "lesser": {"uncorrected": _scores(plain)},
+        "lesser": {"uncorrected": _scores(plain), "linear": _scores(found)},
         "before": {"limits": {s.effect.id: s.limit for s in plain}},
+        "runners": {r.score.effect.id: r.left for r in runners},
         "gap": [],
     }
 
 
-def _named(found: Sequence[Score]) -> dict[str, Any]:
-    best, *others = found
-    like = coherence(found)[0, 1:]
+def _named(runner: Runner[Sight], found: Sequence[Score]) -> dict[str, Any]:
+    cause, own = runner.search.match.told.causes[-1], runner.score
+    others = [s for s in found if s.effect is not own.effect]
+    like = coherence([own, *others])[0, 1:]
     alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
     return {
-        "name": best.effect.id,
-        "class": sorted({best.effect.id, *alike}),
-        "coefficient": best.coefficient,
-        "std": best.std if np.isfinite(best.std) else None,
-        "where": dict(best.shape),
+        "name": cause.effect.id,
+        "class": sorted({cause.effect.id, *alike}),
+        "coefficient": cause.coefficient,
+        "std": cause.told,
+        "where": dict(cause.shape),
+        "spread": dict(cause.spread),
     }
 
 

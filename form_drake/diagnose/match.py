@@ -13,21 +13,22 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
-from form_drake.diagnose.model import Cause, Model, Scenes
+from form_drake.diagnose.model import Model, Scenes, firm
 from form_drake.diagnose.noise import by_field, shaken, weighed
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
 from form_drake.motion import Body
 from form_drake.records import Recording
-from form_drake.weak.solve import TINY, Weights
+from form_drake.weak.solve import Weights
 
 OTHER = 0.03  # of the rows, from which their noise is taken anew
 AWAY = 2.0  # standard deviations that what the grid has wrong may have changed by
 CLOSE = 0.02  # of the rows, from which what the grid has wrong is looked at again
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
-SINGULAR = 1e-15  # of the largest singular value, from which a combination of unknowns is seen
+MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
+SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
 # of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
 # for two grids, 3, meant to hold 19 cases in 20 (Verification and Validation, 1998)
@@ -78,11 +79,9 @@ class Match(Projected):
 
     @property
     def bodies(self) -> list[Body]:
-        """The specimen in every probe."""
         return [p.body for p in self.problem.probes]
 
     def near(self, model: Model) -> "Match":
-        """That of a model which is not far, by one coarse simulation."""
         return replace(self, twin=twin_of(self.problem, self.scenes.rough, model), model=model)
 
     def on(self, coarser: float) -> "Match":
@@ -155,12 +154,13 @@ class Match(Projected):
         eta, theta = self.twin.coordinates(self.model.values)
         return float(np.linalg.norm(self.by.white(self.twin.rows(eta, theta)[0] @ theta)))
 
-    def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
-        """An effect's columns, whitened, shape [rows, shapes]."""
-        return self.by.white(self.raw.of(effect, shapes))
+    def white(self, a: np.ndarray) -> np.ndarray:
+        return self.by.white(a)
+
+    def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        return self.raw.of(effect, shapes)
 
     def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
-        """Make columns that will be asked for, on all cores."""
         self.raw.learn(wanted)
 
     @cached_property
@@ -168,23 +168,32 @@ class Match(Projected):
         """What effects change of the twin, not whitened."""
         return Columns(self.problem, self.twin, self.model, self.scenes, self.simulated)
 
-    @cached_property
-    def explained(self) -> np.ndarray:
-        """Columns of the law's unknowns, and of the causes', whitened, shape [rows, unknowns]."""
-        return self.by.white(self.slopes)
+    @property
+    def own_slopes(self) -> np.ndarray:
+        return self.twin.jacobian(*self.twin.coordinates(self.model.values))
 
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        """The same, not whitened."""
-        own = self.twin.jacobian(*self.twin.coordinates(self.model.values))
-        self.raw.learn([(c.effect, c.beside) for c in self.model.causes])
-        return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
+    def within(self, change: np.ndarray) -> np.ndarray:
+        phi, found = self._phi, change.copy()
+        least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
+        largest = SMALL * float(np.abs(phi).max(initial=0.0))
+        highest = most * np.maximum(np.abs(phi), largest)
+        found[: len(phi)] = np.clip(change[: len(phi)], least * np.abs(phi), highest)
+        found[len(phi) :] = np.clip(change[len(phi) :], -MOST, MOST)
+        return found
 
-    def _slopes(self, cause: Cause) -> np.ndarray:
-        """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
-        columns = self.raw.of(cause.effect, cause.beside)
-        turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * cause.steps)
-        return np.hstack([columns[:, :1], cause.coefficient * turns])
+    def valued(self, change: np.ndarray) -> dict[str, float]:
+        unknowns, now = self.problem.unknowns, self.model.values
+        phi = self._phi + change[: len(self._phi)]
+        eta = self.twin.coordinates(now)[0] + change[len(phi) :]
+        values = {**now, **self.problem.values(eta)}
+        theta = unknowns.theta(phi)
+        values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
+        return firm(unknowns.law, values, unknowns.known)
+
+    @property
+    def _phi(self) -> np.ndarray:
+        """The unknowns that the law is linear in."""
+        return np.array([self.model.values[k] for k in self.problem.unknowns.keys])
 
     @property
     def rest(self) -> np.ndarray:
@@ -223,11 +232,6 @@ class Match(Projected):
         return self.seen_by(self.by.beside(self.slopes @ root), self.apart)
 
     @cached_property
-    def gap(self) -> np.ndarray:
-        """Whitened, shape [rows]."""
-        return self.by.white(self.apart)
-
-    @cached_property
     def apart(self) -> np.ndarray:
         """The same, not whitened: rows of the data less those of the twin.
 
@@ -256,68 +260,7 @@ class Match(Projected):
         """The same of ``gap``."""
         return self._expected(lambda a: a)
 
-    @property
-    def excess(self) -> float:
-        """Square of ``gap`` beyond what noise gives.
-
-        Noise of the tracks enters the rows with the moduli: by the square alone, a model with smaller
-        ones would be nearer.
-        """
-        return float(self.gap @ self.gap) - self.chance_apart
-
-    @property
-    def excess_left(self) -> float:
-        """The same of ``left``."""
-        return float(self.left @ self.left) - self.chance
-
     def _expected(self, part: Callable[[np.ndarray], np.ndarray]) -> float:
         halves = [self.by.white(0.5 * (one - other)) for one, other in self._shaken]
         squares = [np.sum(part(half) ** 2) for half in halves]
         return float(np.mean(squares)) if squares else float(len(self.gap))
-
-    @property
-    def parts(self) -> list[int]:
-        """Where the unknowns of one cause end and those of the next begin."""
-        counts = [c.unknowns for c in self.model.causes]
-        first = self.explained.shape[1] - sum(counts)
-        return np.cumsum([first, *counts])[:-1].tolist()
-
-    def worth(self, n: int = -1) -> float:
-        """What the gap's square would grow by without the n-th cause, all else refitted to first order.
-
-        What has no column may change nothing with its size, as a plate that sticks fast anyway, and much
-        by being there: the twin is simulated without it.
-        """
-        begin, cause = self.parts[n], self.model.causes[n]
-        others = np.arange(len(self._seen))
-        others = others[self._seen & ((others < begin) | (others >= begin + cause.unknowns))]
-        own = cause.coefficient * self.explained[:, begin]
-        if cause.effect.columnless:
-            own = self.near(self.model.without(cause)).gap - self.gap
-        basis = np.linalg.qr(self.explained[:, others])[0]
-        own = own - basis @ (basis.T @ own)
-        return float(own @ own)
-
-    @cached_property
-    def std(self) -> np.ndarray:
-        """Of the unknowns; infinite where no row sees one."""
-        return np.where(self._seen, np.linalg.norm(self.root, axis=1), np.inf)
-
-    @cached_property
-    def root(self) -> np.ndarray:
-        """R of the covariance R R^T of the unknowns that are seen, shape [unknowns, unknowns]."""
-        length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
-        _, s, Vt = np.linalg.svd(self.explained / length, full_matrices=False)
-        told = s > SINGULAR * s.max(initial=0.0)
-        return np.asarray(Vt[told].T / s[told] / length[:, None])
-
-    @property
-    def told(self) -> Model:
-        """The model, its causes with their standard deviations, of shapes those that are seen."""
-        _, *parts = np.split(self.std, self.parts)
-        causes = []
-        for cause, (own, *shape) in zip(self.model.causes, parts, strict=True):
-            spread = zip(cause.effect.shapes, map(float, shape), strict=True)
-            seen = {key: std for key, std in spread if np.isfinite(std)}
-            causes.append(cause.known(float(own), seen))
-        return replace(self.model, causes=tuple(causes))

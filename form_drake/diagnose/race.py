@@ -7,13 +7,15 @@ size: it begins wherever it is seen. A few steps of each show which comes neares
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import FIT, SEARCH
+from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.score import Score, coherence, ranked, shapes
-from form_drake.diagnose.search import Search, matched
+from form_drake.diagnose.search import M, Search, matched
 
 FIELD, STARTS = 4, 4  # effects; starts of one that has a place
 SAME = 0.99  # coherence from which no simulation would tell two effects apart
@@ -24,7 +26,7 @@ ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires
 
 
 @dataclass(frozen=True)
-class Runner:
+class Runner(Generic[M]):
     """A start, and how far its search has come.
 
     Attributes:
@@ -35,18 +37,18 @@ class Runner:
     """
 
     score: Score
-    search: Search
+    search: Search[M]
     apart: float
     left: float
 
     @classmethod
-    def at(cls, score: Score, search: Search) -> "Runner":
+    def at(cls, score: Score, search: Search[M]) -> "Runner[M]":
         """Its place known, and what that was made from forgotten."""
         match = search.match
         apart, left = match.excess, match.excess_left
         return cls(score, search.lighter, apart, left)
 
-    def matched(self) -> Match:
+    def matched(self: "Runner[Match]") -> Match:
         """The twin nearest to the data, on the grid that tells how much is missing.
 
         Raises:
@@ -57,7 +59,7 @@ class Runner:
         except ValueError as error:
             raise ValueError(f"{self.score.effect.id}: {error}") from None
 
-    def stepped(self) -> "Runner":
+    def stepped(self) -> "Runner[M]":
         """One step on; where it has settled, or the simulation does not stand it, it stays."""
         try:
             return self if self.search.settled else Runner.at(self.score, self.search.stepped())
@@ -66,8 +68,8 @@ class Runner:
 
 
 def raced(
-    match: Match, seen: Sequence[Score], progress: Callable[[str], None] = lambda text: None
-) -> list[Runner]:
+    match: M, seen: Sequence[Score], progress: Callable[[str], None] = lambda text: None
+) -> list[Runner[M]]:
     """Effects by how near their simulations come to the data, the nearest first; each once.
 
     Args:
@@ -97,7 +99,7 @@ def raced(
         runners.sort(key=lambda runner: runner.apart)
         most = runners[0].apart + MARGIN
         runners = [r for n, r in enumerate(runners) if 2 * n < len(runners) or r.apart < most]
-    first: dict[str, Runner] = {}
+    first: dict[str, Runner[M]] = {}
     for runner in runners:
         first.setdefault(runner.score.effect.id, runner)
     return list(first.values())
@@ -114,13 +116,13 @@ def field(seen: Sequence[Score]) -> list[Score]:
     return found
 
 
-def _starts(match: Match, score: Score, best: float) -> list[Score]:
+def _starts(match: Projected, score: Score, best: float) -> list[Score]:
     """The best of an effect, and others that are apart from it and nearly as good."""
     effect = score.effect
     if "radius" not in effect.shapes:
         return [score]
     found = [score]
-    for other in ranked(match, effect, shapes(effect, match.problem.probes[0].body)):
+    for other in ranked(match, effect, shapes(effect, match.bodies[0])):
         if len(found) == STARTS or other.score < NEARLY * best:
             break
         if all(_apart(one, other) for one in found):

@@ -7,11 +7,13 @@ The columns of a twin are derivatives along its motion. What a step has really c
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.model import Model, firm
+from form_drake.diagnose.model import Model
+from form_drake.diagnose.projected import Projected
 from form_drake.weak.solve import TINY
 
 PASSES = 12  # coarse simulations, at most
@@ -23,13 +25,13 @@ GAINED, IDLE = 0.003, 2  # of it, that a step must gain; steps that may gain les
 AMISS = 0.05  # the same, of what exceeds one for each row: the model is another
 NOISE = 10.0  # of a whitened gap's square, by which a step may miss it through noise alone
 WORSE = 1.05  # times the gap's square before, from which a step is taken back
-MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
-SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
 FIRST, LARGER = 0.03, 10.0  # damping of a step that went too far, and by how much it grows
+
+M = TypeVar("M", bound=Projected)
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(Generic[M]):
     """Where a search is.
 
     Attributes:
@@ -39,24 +41,24 @@ class Search:
         idle: steps in a row that have gained next to nothing.
     """
 
-    match: Match
+    match: M
     mended: np.ndarray
     damping: float = 0.0
     idle: int = 0
 
     @classmethod
-    def of(cls, match: Match) -> "Search":
+    def of(cls, match: M) -> "Search[M]":
         return cls(match, np.zeros(match.slopes.shape))
 
     @property
-    def lighter(self) -> "Search":
-        """The same, see ``Match.lighter``."""
+    def lighter(self) -> "Search[M]":
+        """The same, see ``Projected.lighter``."""
         return replace(self, match=self.match.lighter)
 
     @cached_property
     def _columns(self) -> np.ndarray:
         """Whitened, shape [rows, unknowns]."""
-        return self.match.by.white(self.match.slopes + self.mended)
+        return self.match.white(self.match.slopes + self.mended)
 
     def _wanted(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """Change of the unknowns: the law's, nonlinear ones last, then the causes'."""
@@ -69,19 +71,8 @@ class Search:
     def _change(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """The same within the bounds of the unknowns."""
         own, *causes = np.split(self._wanted(damping, columns), self.match.parts)
-        phi = self._phi
-        least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
-        largest = SMALL * float(np.abs(phi).max(initial=0.0))
-        highest = most * np.maximum(np.abs(phi), largest)
-        own[: len(phi)] = np.clip(own[: len(phi)], least * np.abs(phi), highest)
-        own[len(phi) :] = np.clip(own[len(phi) :], -MOST, MOST)
         moves = [c.within(d) for c, d in zip(self.match.model.causes, causes, strict=True)]
-        return np.concatenate([own, *moves])
-
-    @property
-    def _phi(self) -> np.ndarray:
-        """The unknowns that the law is linear in."""
-        return np.array([self.match.model.values[k] for k in self.match.problem.unknowns.keys])
+        return np.concatenate([self.match.within(own), *moves])
 
     @property
     def settled(self) -> bool:
@@ -110,19 +101,12 @@ class Search:
 
     def model(self, change: np.ndarray) -> Model:
         """After a change of the unknowns."""
-        match = self.match
-        unknowns, model = match.problem.unknowns, match.model
-        eta, _ = match.twin.coordinates(model.values)
-        own, *causes = np.split(change, match.parts)
-        phi, eta = self._phi + own[: len(self._phi)], eta + own[len(self._phi) :]
-        theta = unknowns.theta(phi)
-        values = {**model.values, **match.problem.values(eta)}
-        values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
-        values = firm(unknowns.law, values, unknowns.known)
+        own, *causes = np.split(change, self.match.parts)
+        model = self.match.model
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
-        return replace(model, values=values, causes=tuple(moved))
+        return replace(model, values=self.match.valued(own), causes=tuple(moved))
 
-    def stepped(self) -> "Search":
+    def stepped(self) -> "Search[M]":
         """After one more simulation."""
         match, change = self.match, self._change(self.damping, self._columns)
         damped = max(LARGER * self.damping, FIRST)
@@ -147,14 +131,10 @@ class Search:
         damping = less if less > FIRST / LARGER else 0.0
         return replace(self, match=after, mended=taught, damping=damping, idle=idle)
 
-    def anchored(self) -> "Search":
-        """The same place, with what the grid has wrong there."""
-        return replace(self, match=self.match.anchored(), idle=0)
-
 
 def matched(
-    start: Match | Search,
-    progress: Callable[[Search], None] = lambda search: None,
+    start: Match | Search[Match],
+    progress: Callable[[Search[Match]], None] = lambda search: None,
     *,
     rough: bool = False,
 ) -> Match:
@@ -176,6 +156,6 @@ def matched(
         if done and (search.match.here or fine == FINE or (rough and search.match.gross)):
             return search.match
         if done:
-            search, fine = search.anchored(), fine + 1
+            search, fine = replace(search, match=search.match.anchored(), idle=0), fine + 1
         else:
             search, passes = search.stepped(), passes + 1

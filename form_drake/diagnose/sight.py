@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.diagnose.columns import Key, Parts, parts
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Model, Scenes, firm
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import tracking_noise
 from form_drake.effects import Effect, Shape
@@ -36,6 +36,7 @@ class Sight(Projected):
         model: that the twin was simulated with; its causes stay as they are.
         made: the twin, on the coarser grid.
         grid: what that grid has wrong, in rows, by a finer one; None: it is not known.
+        origin: the twin whose columns these are, which a search mends; None: itself.
         known: columns that have been made, by id and shape or place.
     """
 
@@ -43,6 +44,7 @@ class Sight(Projected):
     model: Model
     made: tuple[Recording, ...]
     grid: np.ndarray | None = field(default=None, repr=False)
+    origin: "Sight | None" = field(default=None, repr=False)
     known: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -66,11 +68,8 @@ class Sight(Projected):
         press = scenes.only([0])
         for _ in range(PASSES):
             here = cls.of(press, model)
-            found = np.linalg.lstsq(here._moduli, here.gap, rcond=None)[0]
-            step = np.clip(found, -MOST, MOST)
-            grown = zip(here._keys, np.exp(step), strict=True)
-            values = {**model.values, **{k: model.values[k] * float(f) for k, f in grown}}
-            model = replace(model, values=values)
+            step = here.within(np.linalg.lstsq(here.explained, here.gap, rcond=None)[0])
+            model = replace(model, values=here.valued(step))
             if np.abs(step).max() < SETTLED:
                 break
         return cls.of(scenes, model).corrected()
@@ -94,16 +93,20 @@ class Sight(Projected):
         return [body(r) for r in self.scenes.recordings]
 
     @cached_property
-    def gap(self) -> np.ndarray:
+    def apart(self) -> np.ndarray:
         apart = self._rows(self.scenes.recordings) - self._still
         return apart if self.grid is None else apart - self.grid
 
+    def white(self, a: np.ndarray) -> np.ndarray:
+        """What the grid has wrong may be more or less, along every axis of the tracks and of the force of
+        every recording: that is taken out."""
+        return a - self._doubts @ (self._doubts.T @ a)
+
     @cached_property
-    def explained(self) -> np.ndarray:
-        """Those of the moduli; and what the grid has wrong may be more or less, along every axis of the
-        tracks and of the force of every recording."""
+    def _doubts(self) -> np.ndarray:
+        """Orthonormal, shape [rows, axes]."""
         if self.grid is None:
-            return self._moduli
+            return np.zeros((len(self._still), 0))
         pairs = zip(self.made, self._noise, strict=True)
         sizes = [
             (3 * int(valid.sum()), sum(own.forces[k].value.size for k in noise))
@@ -112,22 +115,51 @@ class Sight(Projected):
         ends = np.cumsum(np.ravel(sizes))
         part = np.searchsorted(ends, np.arange(len(self.grid)), side="right")
         label = 3 * part + np.arange(len(self.grid)) % 3
-        kinds = np.unique(label)
-        return np.hstack([self._moduli, self.grid[:, None] * (label[:, None] == kinds)])
+        found = self.grid[:, None] * (label[:, None] == np.unique(label))
+        size = np.linalg.norm(found, axis=0)
+        return found[:, size > 0.0] / size[size > 0.0]
+
+    @property
+    def chance_apart(self) -> float:
+        return float(len(self.gap) - self._doubts.shape[1])
+
+    @property
+    def size(self) -> float:
+        return float(np.linalg.norm(self._still))
 
     @property
     def _keys(self) -> list[str]:
         given = self.model.law.constants("given")
         return [k for k, v in self.model.values.items() if k not in given and v > 0.0]
 
+    @property
+    def own_slopes(self) -> np.ndarray:
+        """Of the logarithms of what the law does not state, if above zero."""
+        return (self.origin or self)._moduli
+
     @cached_property
     def _moduli(self) -> np.ndarray:
-        """Columns of the logarithms of what the law does not state, if above zero, shape [rows, unknowns]."""
         more = [{**self.model.values, k: self.model.values[k] * np.exp(STEP)} for k in self._keys]
         made = self.scenes.rough.every([replace(self.model, values=v) for v in more])
         return np.stack([(self._rows(one) - self._still) / STEP for one in made], axis=1)
 
+    def within(self, change: np.ndarray) -> np.ndarray:
+        return np.clip(change, -MOST, MOST)
+
+    def valued(self, change: np.ndarray) -> dict[str, float]:
+        grown = zip(self._keys, np.exp(change), strict=True)
+        values = {**self.model.values, **{k: self.model.values[k] * float(f) for k, f in grown}}
+        return firm(self.model.law, values)
+
+    def near(self, model: Model) -> "Sight":
+        made = tuple(self.scenes.rough.rolled(model))
+        found = replace(self, model=model, made=made, origin=self.origin or self)
+        found.__dict__.update(_noise=self._noise, _doubts=self._doubts)
+        return found
+
     def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
+        if self.origin is not None:
+            return self.origin.learn(wanted)
         todo = {
             key: (effect, at)
             for effect, shapes in wanted
@@ -145,7 +177,9 @@ class Sight(Projected):
         assert effect.sensor is not None
         return [effect.sensor(one, _trial(effect), shape) for one in self.made]
 
-    def columns(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+    def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        if self.origin is not None:
+            return self.origin.changes(effect, shapes)
         self.learn([(effect, shapes)])
         sites, shares = self._parts(effect, shapes)
         return np.stack([self.known[key] for key in sites], axis=1) @ shares

@@ -217,15 +217,15 @@ def _added(
 
 def _refitted(
     found: Found,
-    runners: Sequence[Runner],
+    runners: Sequence[Runner[Match]],
     thresholds: Mapping[str, float],
     progress: Callable[[str], None],
-) -> tuple[list[tuple[float, Runner, Match]], dict[str, float], ValueError | None]:
+) -> tuple[list[tuple[float, Runner[Match], Match]], dict[str, float], ValueError | None]:
     """Gains and twins, on a finer grid, of those that explain what they must, the largest gain first.
 
     Of the others by id, how much more they have seemed to explain; and why one could not be simulated.
     """
-    borne, beyond, failure = list[tuple[float, Runner, Match]](), dict[str, float](), None
+    borne, beyond, failure = list[tuple[float, Runner[Match], Match]](), dict[str, float](), None
     for runner in runners:
         effect, explained = runner.score.effect, found.left - runner.left
         wanted = found.wanted(effect, thresholds)
@@ -246,13 +246,13 @@ def _refitted(
     return sorted(borne, key=lambda one: -one[0]), beyond, failure
 
 
-def _ties(runners: Sequence[Runner]) -> list[list[Runner]]:
+def _ties(runners: Sequence[Runner[Match]]) -> list[list[Runner[Match]]]:
     """Those that have come as near as the nearest, whom a finer grid tells apart; then one by one."""
     near = [r for r in runners if r.apart < runners[0].apart + MARGIN]
     return [near, *([r] for r in runners[len(near) :])]
 
 
-def _judged(found: Found, best: Runner, equal: Sequence[Runner]) -> Found:
+def _judged(found: Found, best: Runner[Match], equal: Sequence[Runner[Match]]) -> Found:
     """With what is alike and what does as well.
 
     Next to a threshold chance decides which of two effects is above it: what was not simulated and
