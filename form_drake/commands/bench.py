@@ -145,7 +145,7 @@ class Blind:
     press_alone: bool = False
     """Read the press without the shake; its verdicts want a file of their own."""
     faces: bool = False
-    """Read what points on two sides and the force show, by scores alone; a file of their own too."""
+    """Read what points on two sides and the force show alone; a file of their own too."""
     score: Path | None = None
     """File of verdicts to score; no case is run."""
     key: Path | None = None
