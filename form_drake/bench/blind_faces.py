@@ -15,6 +15,8 @@ from form_drake.effects import CATALOGUE
 from form_drake.laws import law_named
 from form_drake.records import Recording
 
+NEARLY = 0.1  # of the best score: columns of what acts inside say little of how it looks outside
+
 
 def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
     """The effect whose simulation comes nearest, and all scores, also with what the grid has wrong.
@@ -29,7 +31,7 @@ def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
     sight = Sight.fitted(Scenes.of(tuple(recordings)), guessed(recordings[0], law, {}))
     found, plain = (scores(one, CATALOGUE.values()) for one in (sight, sight.uncorrected))
     seen = [s for s in found if s.score > LEAST]
-    runners = raced(sight, seen) if seen else []
+    runners = raced(sight, seen, nearly=NEARLY) if seen else []
     left = sight.left
     return {
         "verdict": "named" if seen else "none",

@@ -68,7 +68,10 @@ class Runner(Generic[M]):
 
 
 def raced(
-    match: M, seen: Sequence[Score], progress: Callable[[str], None] = lambda text: None
+    match: M,
+    seen: Sequence[Score],
+    progress: Callable[[str], None] = lambda text: None,
+    nearly: float = NEARLY,
 ) -> list[Runner[M]]:
     """Effects by how near their simulations come to the data, the nearest first; each once.
 
@@ -76,13 +79,15 @@ def raced(
         match: without them.
         seen: their scores, best first.
         progress: hears what is tried.
+        nearly: share of the best score, from which another effect is tried.
 
     Raises:
         ValueError: none can be simulated.
     """
     match = match.on(SEARCH)
     runners, failure = [], ValueError("no effect is given")
-    starts = [start for score in field(seen) for start in _starts(match, score, seen[0].score)]
+    tried = field(seen, nearly)
+    starts = [start for score in tried for start in _starts(match, score, nearly * seen[0].score)]
     for start in starts:
         progress(f"trying {start.effect.id}")
         try:
@@ -105,25 +110,25 @@ def raced(
     return list(first.values())
 
 
-def field(seen: Sequence[Score]) -> list[Score]:
+def field(seen: Sequence[Score], nearly: float = NEARLY) -> list[Score]:
     """What is simulated: of effects that no simulation would tell apart, the first."""
     found = list[Score]()
     for score in seen:
-        near = score.score > NEARLY * seen[0].score and len(found) < FIELD
+        near = score.score > nearly * seen[0].score and len(found) < FIELD
         alike = coherence([score, *found])[0, 1:].max(initial=0.0) > SAME
         if (near or score.effect.columnless) and not alike:
             found.append(score)
     return found
 
 
-def _starts(match: Projected, score: Score, best: float) -> list[Score]:
+def _starts(match: Projected, score: Score, least: float) -> list[Score]:
     """The best of an effect, and others that are apart from it and nearly as good."""
     effect = score.effect
     if "radius" not in effect.shapes:
         return [score]
     found = [score]
     for other in ranked(match, effect, shapes(effect, match.bodies[0])):
-        if len(found) == STARTS or other.score < NEARLY * best:
+        if len(found) == STARTS or other.score < least:
             break
         if all(_apart(one, other) for one in found):
             found.append(other)
