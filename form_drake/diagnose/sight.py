@@ -12,6 +12,7 @@ import numpy as np
 
 from form_drake.diagnose.columns import Key, Parts, parts
 from form_drake.diagnose.model import Model, Scenes, firm
+from form_drake.diagnose.prepare import CLEAR
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import tracking_noise
 from form_drake.effects import Effect, Shape
@@ -203,12 +204,19 @@ class Sight(Projected):
 
     @cached_property
     def _noise(self) -> list[tuple[np.ndarray, float, dict[str, float]]]:
-        """Of every recording: which points it has, shape [frames, points], and the standard deviations of
-        their coordinates [m] and of its forces [N]."""
+        """Of every recording: which points count when, shape [frames, points], and the standard deviations
+        of their coordinates [m] and of its forces [N].
+
+        Test fields keep clear of faces that are held, where the solver errs most, and so do points.
+        """
         found = []
-        for seen in self.scenes.recordings:
-            forces = measured(seen, 0.0, float(np.ptp(seen.time)))
+        for seen, dx in zip(self.scenes.recordings, self.scenes.dx, strict=True):
+            forces, shape = measured(seen, 0.0, float(np.ptp(seen.time))), body(seen)
             valid = np.isfinite(seen.p_WQ).all(axis=2)
+            for face in shape.faces:
+                if face.condition != "free":
+                    plane = (shape.low, shape.high)[face.side][face.axis]
+                    valid &= np.abs(seen.reference[:, face.axis] - plane) > CLEAR * dx
             found.append((valid, tracking_noise(seen), {k: f.noise for k, f in forces.items()}))
         return found
 
