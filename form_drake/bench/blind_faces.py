@@ -8,7 +8,7 @@ from typing import Any
 
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.race import Runner, raced
-from form_drake.diagnose.score import ALIKE, Score, coherence, scores
+from form_drake.diagnose.score import ALIKE, Score, coherence, scored, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.diagnose.verdict import LEAST
 from form_drake.effects import CATALOGUE
@@ -35,7 +35,7 @@ def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
     left = sight.left
     return {
         "verdict": "named" if seen else "none",
-        "effects": [_named(runners[0], found)] if seen else [],
+        "effects": [_named(sight, runners[0], found)] if seen else [],
         "values": dict(sight.model.values),
         "passes": [{"residual": float(left @ left / len(left)), "scores": _scores(found)}],
         "limits": {s.effect.id: s.limit for s in found},
@@ -46,8 +46,10 @@ def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
     }
 
 
-def _named(runner: Runner[Sight], found: Sequence[Score]) -> dict[str, Any]:
-    cause, own = runner.search.match.told.causes[-1], runner.score
+def _named(sight: Sight, runner: Runner[Sight], found: Sequence[Score]) -> dict[str, Any]:
+    """Beside those that its column is like where the search has ended."""
+    cause = runner.search.match.told.causes[-1]
+    own = scored(sight, cause.effect, [cause.shape])
     others = [s for s in found if s.effect is not own.effect]
     like = coherence([own, *others])[0, 1:]
     alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
