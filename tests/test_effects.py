@@ -294,7 +294,9 @@ def test_masses_are_scaled_as_the_body_is(plain):
 
 def test_a_fibre_is_a_sum_of_fifteen(plain):
     reading, shape = read(*plain[:2]), {"elevation": -0.4, "azimuth": 1.3}
-    found = CATALOGUE["anisotropy"].column(reading, shape)
+    effect = CATALOGUE["anisotropy"]
+    own_shapes, shares = effect.parts([shape])
+    found = np.stack([effect.column(reading, one) for one in own_shapes], axis=1) @ shares[:, 0]
     own = reading.added("anisotropy", shape)
     assert found == pytest.approx(own, rel=1e-9, abs=1e-9 * np.abs(own).max())
 

@@ -158,6 +158,18 @@ def test_forces_of_long_steps_are_those_of_short_ones(monkeypatch):
     assert np.abs(found[0] - found[1]).max() < 1.5e-3 * np.abs(found[1]).max()
 
 
+def test_long_steps_stand_a_deep_press(monkeypatch):
+    """Of a body that yields and keeps its volume, stiffest to waves of pressure."""
+    pressed = Block(size=(0.03, 0.03, 0.025), points=60).press("frictionless", 0.6, depth=0.3)
+    values = {"mu": 16e3, "lam": 200e3, "tau_y": 1e3}
+    plain = World(LAWS["von-mises"], values, 1000.0, np.array([0.0, 0.0, -9.81]))
+    found = []
+    for cfl in (simulation.REST, 0.3):
+        monkeypatch.setattr(simulation, "REST", cfl)
+        found.append(Stage(pressed, DX).rolled(plain).p_WQ)
+    assert np.abs(found[0] - found[1]).max() < 1e-4
+
+
 def test_friction_slows_what_slides():
     """By the coefficient times gravity."""
     scene, rest = standing(0.2, gravity=(0.0, 0.0, -9.81))

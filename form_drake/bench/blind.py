@@ -161,15 +161,16 @@ def run_blind(
     tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
 
     def told(name: str) -> dict[str, Any]:
-        case, placebo, begun = every[name], _placebo(name, head["seal"]), worked()
+        case, placebo, begun = every[name], _placebo(name, head["seal"]), _worked()
         try:
             if probes == "faces":
-                found = ranking(case()[:2])
+                recordings, begun = case()[:2], _worked()
+                found = ranking(recordings)
             else:
                 found = _verdict(case, alone=probes == "press", placebo=placebo)
         except ValueError as error:
             found = {"verdict": "error", "why": str(error)}
-        return plain({"id": name, "seconds": worked() - begun, **found})
+        return plain({"id": name, "seconds": _worked() - begun, **found})
 
     made = unordered(told, left, fork=fork)
     for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
@@ -187,7 +188,7 @@ def _placebo(name: str, seal: str) -> int | None:
 
 def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     press, *more = case()
-    begun = worked()
+    begun = _worked()
     found = diagnosed(
         [press] if alone else [press, *more[:1]],
         law_named(press.law or "neo-hookean"),
@@ -205,7 +206,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
         }
         for p in told["passes"]
     ]
-    seconds = worked() - begun  # without the ablation
+    seconds = _worked() - begun  # without the ablation
     simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
     return {
         **kept,
@@ -217,7 +218,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     }
 
 
-def worked() -> float:
+def _worked() -> float:
     """Processor time of this process and its children [s], which other work beside it does not change."""
     return float(sum(os.times()[:4]))
 

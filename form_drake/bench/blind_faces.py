@@ -39,7 +39,7 @@ def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
         "values": dict(sight.model.values),
         "passes": [{"residual": float(left @ left / len(left)), "scores": _scores(found)}],
         "limits": {s.effect.id: s.limit for s in found},
-        "lesser": {"uncorrected": _scores(plain), "linear": _scores(found)},
+        "lesser": {"uncorrected": _scores(plain)},
         "before": {"limits": {s.effect.id: s.limit for s in plain}},
         "runners": {r.score.effect.id: r.left for r in runners},
         "gap": [],

@@ -187,8 +187,7 @@ _GATHER = """
     // in single precision, what is slow would be rounded away
     double* x = (double*)place.data;
     places to[3];
-    auto out = to[0] != to[0];
-    out = 0;
+    decltype(to[0] != to[0]) out = 0;
     EACH(a, 3) {
         EACH(k, 8) to[a][k] = x[3 * own[k] + a];
         to[a] += __builtin_convertvector(dt * u[a], places);

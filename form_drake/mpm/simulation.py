@@ -21,19 +21,15 @@ from form_drake.records.solver import Solver
 
 __all__ = ["BlowUp", "Body", "Simulation", "State", "stable_dt"]
 
-GRAPHS = (
-    4,
-    2,
-    1,
-)  # steps that one launch makes: longer graphs take longer to record than they save
+# Steps that one launch makes: longer graphs take longer to record than they save.
+GRAPHS = (4, 2, 1)
 
 _capture_lock = threading.Lock()
 
 # Share of the grid's velocities over the rest shape that particles give anew in a step, see ``grid``; with
 # tools that push particles all, as these would swing.
 TAKEN = 0.03
-# Courant number there without such tools: such a grid breaks down from about one on in the bodies at rest, and
-# from 0.9 where one that resists changes of volume far more than of shape is pressed by three tenths.
+# Courant number there without such tools; what is pressed far may be stiffer than at rest.
 REST = 0.6
 
 
