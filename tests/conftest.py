@@ -24,13 +24,23 @@ FLAGS = (
 LONGEST = (  # begun first, so that no worker is left with one of them at the end
     "test_diagnose",
     "test_small_cases",
-    "test_interior",
-    "test_effects",
+    "test_weak",
     "test_commands",
     "05_from_pictures",
+    "test_interior",
     "04_find_the_missing_effect",
-    "test_weak",
+    "test_effects",
+    "test_nclaw",
+    "test_rubber",
+    "test_sight",
+    "03_station_and_your_own_plant",
     "test_columns",
+    "test_twin",
+    "test_station",
+    "test_pictures",
+    "test_docs",
+    "test_hidden_demo",
+    "01_identify_and_predict",
 )
 
 

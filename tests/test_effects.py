@@ -31,6 +31,7 @@ from form_drake.weak.unknowns import Unknowns
 from form_drake.weak.windows import even, windows
 
 SIZE, DX, SECONDS = np.array([0.02, 0.02, 0.03]), 0.004, 0.3
+GRID = 0.0045  # of what is found by simulating it again and again [m]
 LOW = np.array([-0.01, -0.01, 0.0])
 SOFT = Material(LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}, 1000.0)
 THETA = np.array([20e3, 40e3])
@@ -236,9 +237,9 @@ def loose():
 
 def begun(model, *causes):
     """A twin, on the grid of the data, of what is not its material and may act."""
-    scenes = replace(Scenes.of((loose(),), DX), coarser=1.0)
+    scenes = replace(Scenes.of((loose(),), GRID), coarser=1.0)
     (made,) = scenes.rolled(Model(SOFT.law, {"mu": 20.4e3, "lam": 39e3}, causes))
-    own = probe(replace(made, noise=1e-6), "press", DX)
+    own = probe(replace(made, noise=1e-6), "press", GRID)
     problem = Problem.of([own], Unknowns.of(SOFT.law, {}, "law"), "borne")
     return matched(Match.of(problem, scenes, model))
 

@@ -66,8 +66,9 @@ class Columns:
             if key not in self._store(effect)
         }
         tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
-        if any(not effect.trial for _, (effect, _) in tasks):
-            assert self.readings  # made once for all copies
+        seen = [effect.id for _, (effect, _) in tasks if not effect.trial]
+        if seen:
+            self.readings[0].ready(seen)  # made once for all copies, as the readings are
         made = mapped(lambda one: self._made(*one[1]), tasks, fork=forkable())
         for (key, (effect, _)), column in zip(tasks, made, strict=True):
             self._store(effect)[key] = column

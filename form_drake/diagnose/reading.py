@@ -1,6 +1,6 @@
 """A measured motion as effects read it: what each source adds to the rows of its balance."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from form_drake.effects.effect import Change
 from form_drake.identify.problem import Problem
-from form_drake.laws import Law, Values, law_named
-from form_drake.laws.memory import Memory, remembered
+from form_drake.laws import ADDITIONS, Law, Values, law_named
+from form_drake.laws.memory import Memory, history, remembered
 from form_drake.motion import Motion, Sampling
 from form_drake.weak.balance import Along, balance
 from form_drake.weak.contact import HeldFields
 from form_drake.weak.integrals import Fixed
+from form_drake.weak.kernels import gathering, loaded
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import beside, quadrature_cells
 from form_drake.weak.stress import elastic_part, unit_stresses
@@ -63,8 +64,17 @@ class ProbeReading:
     def stress(self, tau: np.ndarray) -> np.ndarray:
         return self._kept(self._along.stress(tau[None], self._chi)[0])
 
+    def ready(self, effects: Iterable[str]) -> None:
+        """Load the kernels that columns of effects need, for all copies of the process."""
+        added = (gathering(self._with(name)) for name in set(effects) & ADDITIONS.keys())
+        for kernel in (history(), *added):
+            loaded(kernel)
+
+    def _with(self, name: str) -> Law:
+        return law_named(f"{self.law.name}+{name}")
+
     def added(self, name: str, values: Values) -> np.ndarray:
-        law = law_named(f"{self.law.name}+{name}")
+        law = self._with(name)
         (key,) = [t.key for t in law.terms if t.key not in self.law.keys]
         whole = {**self.values, **values, key: 1.0}
         return self._kept(self._along.work(law, self._elastic, whole, self._chi)[-1])
@@ -146,12 +156,8 @@ class ProbeReading:
         return {}
 
     def force(self, change: Change) -> np.ndarray:
-        probe = self.probe
-        other = {k: replace(f, value=change(f.time, f.value)) for k, f in probe.forces.items()}
-        none = {k: replace(f, value=0.0 * f.value) for k, f in probe.forces.items()}
-        along = probe.along(self.motion)
-        with_it, without = (replace(probe, forces=f).rest(along, {}) for f in (other, none))
-        return without - with_it
+        forces = self.probe.forces.items()
+        return self.probe.pushed(self._along, {k: change(f.time, f.value) for k, f in forces})
 
     def moved(self, displacement: Change) -> np.ndarray:
         probe = self.probe

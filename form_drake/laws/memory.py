@@ -115,7 +115,7 @@ def remember(law: Law, decomposition: str, precision: str):
 
 
 @cache
-def _history():
+def history():
     """Kernel (F[time, point], time, constants) -> F_m[time, point].
 
     F moves straight from one time to the next in strides no longer than ``LARGEST``. What relaxes
@@ -167,7 +167,7 @@ def remembered(F: np.ndarray, time: np.ndarray, memory: Memory) -> np.ndarray:
     out = wp.empty(F.shape[:2], dtype=t.mat, device="cpu")
     stamps = wp.array(np.ascontiguousarray(time, dtype=float), dtype=t.real, device="cpu")
     inputs = [total, stamps, t.vec4(*memory.vector), out]
-    wp.launch(_history(), dim=F.shape[1], inputs=inputs, device="cpu")
+    wp.launch(history(), dim=F.shape[1], inputs=inputs, device="cpu")
     return out.numpy().copy()
 
 

@@ -6,7 +6,6 @@ particles are the lanes of Clang's vector types. The sums are those of ``transfe
 single precision.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,31 +51,24 @@ class Pencils:
         base = np.clip(np.floor(s - 0.5).astype(int), 0, np.array(nodes) - 3)
         w = splines(s - base)
         d = w * (np.arange(3) - (s - base)[..., None])
-        axis, runs = min(
-            ((a, list(_runs(s, base, a, nodes[a]))) for a in (2, 1, 0)), key=lambda c: len(c[1])
+        axis, order, ends = min(
+            ((a, *_runs(s, base, a, nodes[a])) for a in (2, 1, 0)), key=lambda found: len(found[2])
         )
-        runs.sort(key=lambda run: run[0])  # as they lie in memory
-        across = [(axis + 1) % 3, (axis + 2) % 3]
-        index, table = np.zeros((len(runs), 11), dtype=np.int32), np.zeros((len(runs), 28))
-        patterns = dict[bytes, int]()
-        kept = list[np.ndarray]()
-        length = 0
-        for n, run in enumerate(runs):
-            own = np.pad(run, (0, LANES - len(run)), mode="edge")
-            once = np.arange(LANES) < len(run)
-            pairs = (base[run[-1], axis] + 3 - base[run[0], axis] + 1) // 2
-            first = base[run[0]].copy()
-            first[axis] = min(first[axis], nodes[axis] - 2 * pairs)
-            pattern = _pattern(w[own, axis], d[own, axis], base[own, axis] - first[axis], pairs)
-            key = pattern.tobytes()
-            if key not in patterns:
-                patterns[key] = length
-                kept.append(pattern)
-                length += pattern.size
-            flat = np.ravel_multi_index(tuple(first), nodes)
-            index[n] = [flat, pairs, patterns[key], *own]
-            sides = [a for b in across for a in (w[run[0], b], d[run[0], b])]
-            table[n] = np.concatenate([*sides, mass[own] * once, volume[own] * once])
+        begin = np.concatenate([[0], ends[:-1]])
+        along = np.argsort(order[begin])  # as they lie in memory
+        begin, ends = begin[along], ends[along]
+        lane = begin[:, None] + np.arange(LANES)
+        own = order[np.minimum(lane, ends[:, None] - 1)]
+        one, once = own[:, 0], lane < ends[:, None]
+        first = base[one]
+        pairs = (base[own[:, -1], axis] + 3 - first[:, axis] + 1) // 2
+        first[:, axis] = np.minimum(first[:, axis], nodes[axis] - 2 * pairs)
+        beyond = base[own, axis] - first[:, axis, None]
+        where, pattern = _patterns(w[own, axis], d[own, axis], beyond, pairs)
+        flat = np.ravel_multi_index(tuple(first.T), nodes)
+        index = np.column_stack([flat, pairs, where, own])
+        sides = [a[one, (axis + n) % 3] for n in (1, 2) for a in (w, d)]
+        table = np.hstack([*sides, mass[own] * once, volume[own] * once])
         weight = np.zeros((*nodes, 4))
         share = np.einsum("na,nb,nc->nabc", *w.swapaxes(0, 1)) * mass[:, None, None, None]
         for a, b, c in np.ndindex(3, 3, 3):
@@ -93,7 +85,7 @@ class Pencils:
             axis,
             held(index, int),
             held(table, t.real),
-            held(np.concatenate([a.ravel() for a in kept]), t.real),
+            held(pattern, t.real),
             held(weight, t.vec4),
         )
 
@@ -111,29 +103,45 @@ class Pencils:
         wp.launch(kernels()[n], dim=dim, inputs=[*own, *inputs], device="cpu")
 
 
-def _runs(s: np.ndarray, base: np.ndarray, axis: int, nodes: int) -> Iterator[np.ndarray]:
-    """Particles of each pencil along an axis: those of equal places [cells] across, near each other."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    place = np.rint(s / SAME)
-    order = np.lexsort((s[:, axis], place[:, second], place[:, first]))
-    span = min(SPAN, nodes // 2 * 2) - 3
-    begin = 0
-    for n in range(1, len(order) + 1):
-        if n < len(order):
-            one, last = order[begin], order[n]
-            alike = np.array_equal(place[one, [first, second]], place[last, [first, second]])
-            if alike and n - begin < LANES and base[last, axis] - base[one, axis] <= span:
-                continue
-        yield order[begin:n]
-        begin = n
+def _runs(s: np.ndarray, base: np.ndarray, axis: int, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Particles of equal places [cells] across an axis in an order, and where each pencil of it ends."""
+    place = np.rint(s / SAME)[:, [(axis + 1) % 3, (axis + 2) % 3]]
+    order = np.lexsort((s[:, axis], place[:, 1], place[:, 0]))
+    apart = np.any(np.diff(place[order], axis=0), axis=1).tolist()
+    node, span = base[order, axis].tolist(), min(SPAN, nodes // 2 * 2) - 3
+    begin, ends = 0, []
+    for n, other in enumerate(apart, 1):
+        if other or n - begin == LANES or node[n] - node[begin] > span:
+            ends.append(n)
+            begin = n
+    return order, np.array([*ends, len(order)])
 
 
-def _pattern(w: np.ndarray, d: np.ndarray, base: np.ndarray, pairs: int) -> np.ndarray:
-    """Splines of eight particles at their nodes, ``base`` and two more: by pairs of nodes and by nodes."""
-    full = np.zeros((2, LANES, 2 * pairs))
+def _patterns(
+    w: np.ndarray, d: np.ndarray, beyond: np.ndarray, pairs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Splines at the nodes of pencils, by pairs of nodes and by nodes, each once: where, and all of them.
+
+    Args:
+        w: splines of every particle at three nodes, shape [pencils, 8, 3].
+        d: the same times how far the node is.
+        beyond: how far the first of the three is from that of the pencil, shape [pencils, 8].
+        pairs: of nodes, shape [pencils].
+    """
+    where, kept, length = np.zeros(len(pairs), dtype=int), [], 0
     lane = np.arange(LANES)[:, None]
-    full[:, lane, base[:, None] + np.arange(3)] = w, d
-    by_pair = full.reshape(2, LANES, pairs, 2)[:, SLOTS].transpose(2, 1, 0, 3)
-    by_node = full.transpose(2, 0, 1)
-    every = np.repeat(by_pair[..., None], 4, axis=-1)
-    return np.concatenate([every.ravel(), by_node.ravel()]).astype(np.float32)
+    for count in np.unique(pairs):
+        some = np.flatnonzero(pairs == count)
+        full = np.zeros((len(some), 2, LANES, 2 * count), dtype=np.float32)
+        at = np.arange(len(some))[:, None, None], lane, beyond[some, :, None] + np.arange(3)
+        full.swapaxes(0, 1)[:, *at] = w[some], d[some]
+        seen = dict[bytes, int]()
+        place = [seen.setdefault(one.tobytes(), len(seen)) for one in full]
+        once = full[np.unique(place, return_index=True)[1]]
+        by_pair = once.reshape(len(once), 2, LANES, count, 2)[:, :, SLOTS].transpose(0, 3, 2, 1, 4)
+        every = np.repeat(by_pair.reshape(len(once), -1), 4, axis=1)
+        rows = np.hstack([every, once.transpose(0, 3, 1, 2).reshape(len(once), -1)])
+        where[some] = length + np.array(place) * rows.shape[1]
+        kept.append(rows.ravel())
+        length += rows.size
+    return where, np.concatenate(kept)

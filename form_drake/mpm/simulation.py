@@ -90,6 +90,8 @@ class Simulation:
         self._allocate()
         if solver.dt is not None:
             self._set_dt(solver.dt)
+        self._launch_step()  # loads every kernel before recording starts
+        self.reset(self.body.x, np.zeros_like(self.body.x))
         self._graphs = {steps: self._recorded(steps) for steps in GRAPHS}
 
     def _array(self, value: np.ndarray, dtype):
@@ -283,9 +285,7 @@ class Simulation:
         self._launch_update()
 
     def _recorded(self, steps: int):
-        """Graph of some steps; every kernel is loaded before recording starts."""
-        self._launch_step()
-        self.reset(self.body.x, np.zeros_like(self.body.x))
+        """Graph of some steps."""
         with _capture_lock, wp.ScopedCapture(device=self.device) as capture:
             for _ in range(steps):
                 self._launch_step()

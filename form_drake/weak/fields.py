@@ -189,9 +189,9 @@ class BoxFields:
             slope *= np.where(motion.X == X, 1.0, 0.0)[:, None, :]
             self._last.clear()
             self._last[key] = (
-                np.einsum("fnd,qn->fqd", self.weights, value, optimize=True),
-                np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True),
-            )
+                np.einsum("fnd,qn->fqd", self.weights, value, optimize=True).copy(),
+                np.einsum("fnd,qna->fqda", self.weights, slope, optimize=True).copy(),
+            )  # in the order in which all who ask flatten them
         both = (np.broadcast_to(a, (len(motion.time), *a.shape)) for a in self._last[key])
         return Sampled(*both)
 

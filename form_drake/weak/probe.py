@@ -124,16 +124,21 @@ class Probe:
     def rest(self, along: Along, push: dict[str, np.ndarray]) -> np.ndarray:
         """b, shape [rows], with noise ``push`` added to the forces [N], by tool."""
         chi, rate = self.windows.chi, self.windows.rate
+        rests = [family.rest for family in along.families]
+        found = [chi @ (r.load + r.carried) + rate @ r.momentum for r in rests]
+        pushed = {k: force.value + push.get(k, 0.0) for k, force in self.forces.items()}
+        return np.concatenate(found, axis=1).ravel()[self.keep] - self.pushed(along, pushed)
+
+    def pushed(self, along: Along, forces: dict[str, np.ndarray]) -> np.ndarray:
+        """What forces on tools [N] do, by tool at the stamps of the recorded ones, shape [rows]."""
         found = []
         for family in along.families:
-            r = family.rest
-            b = chi @ (r.load + r.carried) + rate @ r.momentum
+            done = np.zeros((len(self.windows), len(family.fields.names)))
             for tool, end in family.fields.acting(family.motion).items():
-                force = self.forces[tool]
-                power = self._powers(force, end, force.value + push.get(tool, 0.0))
-                b = b - self._impulses[tool] @ power.sum(axis=-1)
-            found.append(b)
-        return np.concatenate(found, axis=1).ravel()[self.keep]
+                power = self._powers(self.forces[tool], end, forces[tool])
+                done += self._impulses[tool] @ power.sum(axis=-1)
+            found.append(done)
+        return np.asarray(np.concatenate(found, axis=1).ravel()[self.keep])
 
     def sizes(self, motion: Motion, law: Law, values: Values, acting: np.ndarray) -> np.ndarray:
         """Integrals of V |T_k| |grad psi| over the windows, arguments and shape as ``columns``."""

@@ -135,7 +135,7 @@ def tool(solver):
         held = solver.reaction[plate.nodes[plate.active]]
         origin = np.array([0, 0, plate.height(solver.time)])
         return origin, np.array([0, 0, 0 - 4 * held[:, 2].sum()]), origin
-    x, force, _ = solver.pusher.forces(solver.u, solver.time)
+    x, force = solver.pusher.forces(solver.u, solver.time)
     share = np.linalg.norm(force, axis=1)
     point = share @ x / share.sum() if share.any() else np.full(3, np.nan)
     total = 0 - 2 * force.sum(0)

@@ -28,7 +28,8 @@ def lame(E, nu):
 
 def cofactor(F):
     """J F^-T of matrices F (N, 3, 3)."""
-    return np.cross(F[:, [1, 2, 0]], F[:, [2, 0, 1]])
+    up, down = F[:, [1, 2, 0]], F[:, [2, 0, 1]]
+    return up[..., [1, 2, 0]] * down[..., [2, 0, 1]] - up[..., [2, 0, 1]] * down[..., [1, 2, 0]]
 
 
 def polar(F):

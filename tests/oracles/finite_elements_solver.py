@@ -150,17 +150,25 @@ class Pusher:
         self.points, self.weight, self.centre = points, weight, centre
         self.radius, self.stiffness = radius, stiffness
 
-    def forces(self, u, time):
-        """Positions (Q, 3) [m], forces on the body (Q, 3) [N] and their slopes (Q, 3, 3)."""
+    def touch(self, u, time):
+        """Positions (Q, 3) [m], r (Q, 1) [m], n (Q, 3) and g (Q, 1) [m]."""
         x = self.points + self.sampler @ u
         d = (x - self.centre(time)) * [1.0, 0.0, 1.0]
-        r = np.linalg.norm(d, axis=1, keepdims=True)
-        n, g = d / r, np.maximum(self.radius - r, 0)
+        r = np.hypot(d[:, :1], d[:, 2:])
+        return x, r, d / r, np.maximum(self.radius - r, 0)
+
+    def forces(self, u, time):
+        """Positions (Q, 3) [m] and forces on the body (Q, 3) [N]."""
+        x, _, n, g = self.touch(u, time)
+        return x, self.weight[:, None] * self.stiffness * g * n
+
+    def slope(self, u, time):
+        """Slopes (Q, 3, 3) [N/m] of the forces by the positions."""
+        _, r, n, g = self.touch(u, time)
         k = self.weight[:, None] * self.stiffness
         normal = n[:, :, None] * n[:, None, :]
         across = np.diag([1.0, 0.0, 1.0]) - normal
-        slope = (k * (g / r))[..., None] * across - (k * (g > 0))[..., None] * normal
-        return x, k * g * n, slope
+        return (k * (g / r))[..., None] * across - (k * (g > 0))[..., None] * normal
 
     def tangent(self, slope):
         """Sparse slope (3N, 3N) of the nodal forces, or 0."""
@@ -224,7 +232,7 @@ class Solver:
         K = self.mesh.stiffness(blocks)
         K = K + sp.kron(self.density * inertia * self.mesh.mass, np.eye(3))
         if self.pusher:
-            K = K - self.pusher.tangent(self.pusher.forces(u, time)[2])
+            K = K - self.pusher.tangent(self.pusher.slope(u, time))
         K = K.tocsr()[free][:, free].tocsc()
         options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
         self.factors = splu(K, **options, options={"SymmetricMode": True})
