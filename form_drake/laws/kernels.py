@@ -114,7 +114,7 @@ def responses(law: Law, decomposition: str, precision: str):
     """
     t, make = types(precision), point(law, decomposition, precision)
     measure = strain(law, decomposition, precision)
-    functions = tuple(term.response for term in law.terms)
+    one = picked(tuple(term.response for term in law.terms))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -129,8 +129,8 @@ def responses(law: Law, decomposition: str, precision: str):
         q = make(F[i], measure(F[i]), L[i], kappa)
         if p.shape[0] > 0:
             q.p = p[i]
-        for k in range(wp.static(len(functions))):
-            out[k, i] = wp.static(functions[k])(q, s)
+        for k in range(out.shape[0]):
+            out[k, i] = one(q, s, k)
 
     return kernel
 
@@ -154,8 +154,8 @@ def summed(functions: tuple[wp.Function, ...]):
     """Warp function (q, theta, s) -> sum over k of theta[k] times the k-th function's response.
 
     One function calls the next instead of a loop over ``wp.static(functions[k])``: Warp's cache
-    tells functions apart by what they call by name, not by what such a loop picks, and would take
-    the kernel of one law for that of another with the same first term and number of terms.
+    tells functions apart by what they call by name, and by what such a loop picks only once it has
+    built them, which takes half a second.
     """
     *before, last = functions
     k = len(before)
@@ -171,6 +171,28 @@ def summed(functions: tuple[wp.Function, ...]):
     @wp.func
     def function(q: Any, theta: Any, s: Any):
         return rest(q, theta, s) + theta[k] * last(q, s)
+
+    return function
+
+
+def picked(functions: tuple[wp.Function, ...]):
+    """Warp function (q, s, k) -> the k-th function's response, for the reason of ``summed``."""
+    *before, last = functions
+    own = len(before)
+
+    @wp.func
+    def first(q: Any, s: Any, k: int):
+        return last(q, s)
+
+    if not before:
+        return first
+    rest = picked(tuple(before))
+
+    @wp.func
+    def function(q: Any, s: Any, k: int):
+        if k == own:
+            return last(q, s)
+        return rest(q, s, k)
 
     return function
 

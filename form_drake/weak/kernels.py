@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
-from form_drake.laws.kernels import flow, point, strain, summed
+from form_drake.laws.kernels import flow, picked, point, strain, summed
 from form_drake.laws.memory import LARGEST
 
 PRECISION, DECOMPOSITION = "float64", "series"
@@ -82,7 +82,7 @@ def gathering(law: Law):
     part of F. The pressure p [Pa] is the law's own where its array is empty.
     """
     make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
-    functions = tuple(term.response for term in law.terms)
+    one = picked(tuple(term.response for term in law.terms))
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -104,8 +104,8 @@ def gathering(law: Law):
             if p.shape[0] > 0:
                 q.p = p[n, i]
             along = volume[i] * wp.transpose(wp.inverse(F[n, i]))
-            for k in range(wp.static(len(functions))):
-                met = wp.static(functions[k])(q, s) * along
+            for k in range(out.shape[0]):
+                met = one(q, s, k) * along
                 for m in range(chi.shape[1]):
                     share = chi[n, m]
                     if share != real(0.0):
