@@ -50,7 +50,10 @@ class Report:
     def figure(self, figure: Any, caption: str) -> None:
         """A matplotlib figure with its caption."""
         image = io.BytesIO()
-        figure.savefig(image, format="png", dpi=110, bbox_inches="tight")
+        fits = (
+            figure.get_layout_engine() is not None
+        )  # else it is drawn twice, first to see its size
+        figure.savefig(image, format="png", dpi=110, bbox_inches=None if fits else "tight")
         self._picture(image.getvalue(), caption)
 
     def image(self, path: Path, caption: str) -> None:

@@ -650,7 +650,14 @@ def test_a_process_refuses_in_one_line(tmp_path):
 def demo(tmp_path_factory):
     """One coarse run of the demo without camera packages."""
     folder = tmp_path_factory.mktemp("demo")
-    coarse = ("--set", "solver.dx=0.0035", "--set", "solver.mass_scale=40")
+    coarse = (
+        "--set",
+        "solver.dx=0.004",
+        "--set",
+        "solver.mass_scale=40",
+        "--set",
+        "measure.points=150",
+    )
     done = blocked(folder, "demo", "--seed", "11", "--json", *coarse, absent=CAMERAS)
     assert done.returncode == 0, done.stderr
     return folder / "runs" / "demo", done
