@@ -1,7 +1,7 @@
 """A probe run: the arm follows the scenario's path, everything measured is recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, smooth
+from form_drake.diagnose import Model
+from form_drake.effects import CATALOGUE
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.follower import PathFollower
@@ -150,6 +152,7 @@ def _add_recorder(
         rate=source.rate,
         period=solver.period,
         rig=source.rig,
+        sensed=Model.of(scenario.specimen.made(), CATALOGUE).sensed,
     )
     builder.AddNamedSystem("recorder", recorder)
     builder.Connect(source.tracks.get_output_port(), recorder.GetInputPort("sight"))
@@ -238,9 +241,11 @@ def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recordi
 
 
 def truth(scenario: Scenario) -> dict[str, Any]:
-    """What the recording must not hold: the law and values that were simulated."""
+    """What the recording must not hold: the law, values and effects that were simulated."""
     material = scenario.specimen.made()
-    return {"law": material.law.name, "values": material.values, "density": material.density}
+    found = {"law": material.law.name, "values": material.values, "density": material.density}
+    effects = [asdict(effect) for effect in scenario.specimen.effects]
+    return found | ({"effects": effects} if effects else {})
 
 
 def largest_force(recording: Recording) -> float:

@@ -1,5 +1,6 @@
 """What a probe measures, gathered in the Context of the diagram while it runs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,6 +94,7 @@ class Recorder(LeafSystem):
         rate: of frames [Hz].
         period: of the other signals [s]; forces are means over it.
         rig: whose cameras follow the points; None: they are particles.
+        sensed: what sensors tell of what they would record without an effect.
     """
 
     def __init__(
@@ -104,9 +106,11 @@ class Recorder(LeafSystem):
         rate: float,
         period: float,
         rig: Rig | None = None,
+        sensed: Callable[[Recording], Recording] = lambda recording: recording,
     ):
         super().__init__()
         self._header, self._tool, self._period, self._rig = header, tool, period, rig
+        self._sensed = sensed
         self.DeclareAbstractInputPort("sight", Value[object](None))
         self.DeclareAbstractInputPort("tool.X_WT", Value[RigidTransform]())
         self.DeclareVectorInputPort("panda.position_measured", 7)
@@ -148,12 +152,9 @@ class Recorder(LeafSystem):
             joints=Stream(time, np.array([s[2] for s in heard.signals])),
         )
         if self._rig is not None:
-            return completed(gathered(self._rig, heard.sights), probe)
-        return replace(
-            probe,
-            time=np.array([sight.time for sight in heard.sights]),
-            p_WQ=np.array([sight.p_WQ for sight in heard.sights]),
-        )
+            return self._sensed(completed(gathered(self._rig, heard.sights), probe))
+        tracks = {k: np.array([getattr(s, k) for s in heard.sights]) for k in ("time", "p_WQ")}
+        return self._sensed(replace(probe, **tracks))
 
     def _hear(self, context: Context, state: State) -> EventStatus:
         time = context.get_time()

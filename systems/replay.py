@@ -10,6 +10,8 @@ from pydrake.trajectories import PiecewisePose
 from scipy.spatial import cKDTree
 
 from form_drake.control import ForceServo
+from form_drake.diagnose import Model
+from form_drake.effects import CATALOGUE, Effect
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.mpm.exchange import Snapshot
@@ -45,6 +47,7 @@ def replay(
     recording: Recording,
     *,
     drive: Drive = "pose",
+    effects: Mapping[str, Effect] = CATALOGUE,
     progress: Callable[[int, int], None] | None = None,
 ) -> Replay:
     """Simulate a recorded probe with a material, without the arm.
@@ -55,12 +58,13 @@ def replay(
         recording: whose tool poses, or forces, are applied.
         drive: ``pose`` moves the tool as recorded; ``force`` along its recorded path, as deep as
             the recorded force pushes it.
+        effects: of which the material may name some, by id.
         progress: called with (steps done, steps).
 
     Raises:
         ValueError: the recording is not of this scenario, or lacks poses or forces of its tool.
     """
-    station = make_station(scenario, material=material)
+    station = make_station(scenario, material=material, effects=effects)
     tool = station.tool.body().name()
     for name, streams in (("poses", recording.poses), ("force", recording.forces)):
         if tool not in streams:
@@ -84,7 +88,17 @@ def replay(
         poses.append(X_WT.GetAsMatrix4())
         if progress is not None:
             progress(k + 1, last)
-    return _compared(recording, tool, period, frames, forces, poses)
+    begin = period * np.arange(len(forces))
+    predicted = replace(
+        recording,
+        p_WQ=np.array(frames),
+        valid=None,
+        noise=None,
+        poses={tool: Stream(begin, np.array(poses))},
+        forces={tool: Stream(begin + 0.5 * period, np.array(forces))},
+        source="prediction",
+    )
+    return _compared(recording, Model.of(material, effects).sensed(predicted), tool)
 
 
 def twin(scenario: Scenario, recording: Recording) -> Callable[[Mapping[str, float]], Recording]:
@@ -180,27 +194,14 @@ def _shifted(X: RigidTransform, by: np.ndarray) -> RigidTransform:
     return RigidTransform(X.rotation(), X.translation() + by)
 
 
-def _compared(
-    recording: Recording, tool: str, period: float, frames: list, forces: list, poses: list
-) -> Replay:
-    begin = period * np.arange(len(forces))
-    force = Stream(begin + 0.5 * period, np.array(forces))
-    measured = recording.forces[tool]
+def _compared(recording: Recording, predicted: Recording, tool: str) -> Replay:
+    force, measured = predicted.forces[tool], recording.forces[tool]
     size = np.linalg.norm(measured.value, axis=1)
     felt = np.stack([np.interp(measured.time, force.time, f) for f in force.value.T], axis=1)
     error = np.linalg.norm(felt - measured.value, axis=1)
-    away = np.array(frames) - recording.p_WQ
+    away = predicted.p_WQ - recording.p_WQ
     if recording.valid is not None:
         away = away[recording.valid]
-    predicted = replace(
-        recording,
-        p_WQ=np.array(frames),
-        valid=None,
-        noise=None,
-        poses={tool: Stream(begin, np.array(poses))},
-        forces={tool: force},
-        source="prediction",
-    )
     peak = float(np.linalg.norm(felt, axis=1).max() / size.max() - 1.0)
     return Replay(
         predicted,

@@ -2,25 +2,35 @@
 
 import dataclasses
 import math
-import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.sensors import CameraConfig
 
-from form_drake.files import read_mapping
 from form_drake.laws import law_named
 from form_drake.laws.values import checked_values, finite
-from form_drake.material import Material
+from form_drake.material import Acting, Material
 from form_drake.systems.force import SensorErrors
+from form_drake.systems.layers import change, check, inherited
 from form_drake.systems.panda import PandaDriver
 
-DEEPEST = 8  # of inheritance
+
+@dataclass
+class Effect:
+    """What acts on the specimen or its sensors beside the law, see ``form_drake.effects``.
+
+    Attributes:
+        id: of the effect.
+        coefficient: in the effect's unit.
+        shape: values of its shape parameters.
+    """
+
+    id: str = ""
+    coefficient: float = 0.0
+    shape: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -36,6 +46,7 @@ class Specimen:
         faces: what is known of each face, see ``Recording.contact``.
         contact: by body: a Coulomb coefficient, ``stick`` or ``bonded``.
         clamped: by face: length inside of a clamp there [m], which is neither simulated nor recorded.
+        effects: that act beside the law, and of which the recording says nothing.
     """
 
     size: list[float] = field(default_factory=list)
@@ -46,6 +57,7 @@ class Specimen:
     faces: dict[str, str] = field(default_factory=dict)
     contact: dict[str, str] = field(default_factory=dict)
     clamped: dict[str, float] = field(default_factory=dict)
+    effects: list[Effect] = field(default_factory=list)
 
     def made(self) -> Material:
         """The material that is simulated.
@@ -56,7 +68,8 @@ class Specimen:
         law = law_named(self.law)
         values = dict(self.material)
         density = finite("density", values.pop("density", None))
-        return Material(law, checked_values(law, values), density)
+        acting = tuple(Acting(e.id, e.coefficient, e.shape) for e in self.effects)
+        return Material(law, checked_values(law, values), density, effects=acting)
 
 
 @dataclass
@@ -218,15 +231,6 @@ class Scenario:
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
 
 
-def named() -> list[str]:
-    """Scenarios of the package that can be run: those that others only inherit from are left out."""
-    folder = files("form_drake") / "models" / "scenarios"
-    found = {Path(p.name).stem: p for p in folder.iterdir() if p.name.endswith(".yaml")}
-    contents = {name: yaml.safe_load(p.read_text()) for name, p in found.items() if "." not in name}
-    parents = {c.get("inherits") for c in contents.values()}
-    return sorted(set(contents) - parents)
-
-
 def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
     """A scenario by name or from a file, with changes such as ``specimen.material.E=63e3``.
 
@@ -242,6 +246,21 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
         return found
     except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"scenario {name}: {error}") from None
+
+
+def holding(material: Material) -> tuple[str, ...]:
+    """Changes by which a scenario's specimen is of a material, effects and all."""
+    acting = [
+        {"id": e.id, "coefficient": e.coefficient, "shape": dict(e.shape)} for e in material.effects
+    ]
+    values = {**material.values, "density": material.density}
+    written = (yaml.safe_dump(v, default_flow_style=True, width=math.inf) for v in (values, acting))
+    numbers, effects = (text.strip() for text in written)
+    return (
+        f"specimen.law={material.law.name}",
+        f"specimen.material={numbers}",
+        f"specimen.effects={effects}",
+    )
 
 
 def held_out(scenario: Scenario) -> Scenario:
@@ -288,86 +307,21 @@ def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool
     Args:
         name: of the scenario, or its file.
         changes: PATH=VALUE.
-        hidden: leave out the values of the material that are not declared as known.
+        hidden: leave out effects, and the values of the material that are not declared as known.
 
     Raises:
         ValueError: see ``load_scenario``.
     """
-    content = _inherited(str(name), Path.cwd())
-    for change in changes:
-        _change(content, change)
+    content = inherited(str(name), Path.cwd())
+    for told in changes:
+        change(content, told)
     content.setdefault("name", Path(str(name)).stem)
-    _checked(Scenario, content, "")
+    check(Scenario, content, "")
     contact = content.get("specimen", {}).get("contact", {})
     contact.update({body: str(word) for body, word in contact.items()})
     if hidden:
         specimen = content["specimen"]
         kept = {"density", *specimen.get("known", ())}
         specimen["material"] = {k: v for k, v in specimen["material"].items() if k in kept}
+        specimen.pop("effects", None)
     return yaml.safe_dump(content, sort_keys=False)
-
-
-def _inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
-    if depth > DEEPEST:
-        raise ValueError("it inherits from itself")
-    path = folder / name
-    if not name.endswith((".yaml", ".yml")):
-        own = files("form_drake") / "models" / "scenarios" / f"{name}.yaml"
-        path = Path(str(own))
-        if not path.is_file():
-            raise ValueError(
-                f"no scenario {name!r}: choose from {', '.join(named())}, or name a .yaml file"
-            )
-    content = read_mapping(path)
-    parent = content.pop("inherits", None)
-    if parent is None:
-        return content
-    base = _inherited(str(parent), path.parent, depth + 1)
-    return _merged(base, content)
-
-
-def _merged(base: Any, over: Any) -> Any:
-    """``over`` on top of ``base``, mapping by mapping; lists are replaced."""
-    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
-        return over
-    return {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
-
-
-def _change(content: dict[str, Any], change: str) -> None:
-    place, equals, text = change.partition("=")
-    *path, last = place.strip().split(".")
-    if not equals or not last:
-        raise ValueError(f"--set {change}: NAME.NAME=VALUE is wanted")
-    try:
-        value: Any = float(text)
-        value = int(text) if value.is_integer() and text.strip().lstrip("+-").isdigit() else value
-    except ValueError:
-        value = yaml.safe_load(text)
-    here = content
-    for key in path:
-        here = here.setdefault(key, {})
-        if not isinstance(here, dict):
-            raise ValueError(f"--set {change}: {key} holds no entries")
-    here[last] = value
-
-
-def _checked(schema: Any, content: Any, where: str) -> None:
-    """Refuse keys that no dataclass has a field for, and texts in the place of numbers."""
-    if schema is float and (isinstance(content, bool) or not isinstance(content, int | float)):
-        raise ValueError(f"{where}: a number is wanted, got {content!r}")
-    if typing.get_origin(schema) is list:
-        for n, item in enumerate(content if isinstance(content, list) else ()):
-            _checked(typing.get_args(schema)[0], item, f"{where}[{n}]")
-    if typing.get_origin(schema) is dict and isinstance(content, Mapping):
-        for key, item in content.items():
-            _checked(typing.get_args(schema)[1], item, f"{where}.{key}")
-    if not dataclasses.is_dataclass(schema):
-        return
-    if not isinstance(content, Mapping):
-        raise ValueError(f"{where or 'a file'} holds entries, got {content!r}")
-    allowed = {f.name: f.type for f in dataclasses.fields(schema)}
-    for key, value in content.items():
-        place = f"{where}.{key}" if where else str(key)
-        if key not in allowed:
-            raise ValueError(f"no {place}; allowed there are {', '.join(allowed)}")
-        _checked(allowed[key], value, place)

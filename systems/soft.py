@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.geometry import SceneGraph, Shape
@@ -11,8 +11,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
+from form_drake.diagnose import Model
+from form_drake.effects import CATALOGUE, Effect, World
 from form_drake.material import Material
-from form_drake.mpm.bodies import block, filled
+from form_drake.mpm.bodies import block, filled, parted
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import Body
 from form_drake.mpm.tools import Motions, Tool
@@ -121,6 +123,43 @@ def _counts(per_cell: Sequence[int]) -> np.ndarray:
     return counts
 
 
+def acted(
+    materials: Sequence[Material],
+    bodies: Sequence[Body],
+    gravity: np.ndarray,
+    effects: Mapping[str, Effect],
+) -> tuple[list[tuple[Material, Body]], dict[str, Any], float]:
+    """Parts of bodies by material, what else a ``Scene`` needs, and the friction of frictionless tools.
+
+    Raises:
+        ValueError: effects of one body among several, an unknown one, or one that a station cannot
+            show.
+    """
+    if not any(m.effects for m in materials):
+        return list(zip(materials, bodies, strict=True)), {"gravity": gravity}, 0.0
+    if len(materials) > 1:
+        raise ValueError(f"effects act on one body alone, here are {len(materials)}")
+    (material,), (body,) = materials, bodies
+    if material.density is None:
+        raise ValueError(f"a material of law {material.law.name} states no density")
+    plain = World(material.law, material.values, material.density, np.asarray(gravity))
+    world = Model.of(material, effects).acting(plain)
+    if world.adhesion or world.slipping or world.slippery:
+        raise ValueError(
+            "adhesion and floor-slip act at faces of a block that plates hold, as predict simulates"
+            " it: state the contact of the tools of a station instead"
+        )
+    own = {k: getattr(world, k) for k in ("gravity", "drag", "swelling", "memories")}
+    return parted(world, body), own, world.friction
+
+
+def _rubbing(touching: Touching, friction: float) -> Touching:
+    """A geometry that is stated to be frictionless with a friction after all."""
+    if friction == 0.0 or touching.tool.contact != 0.0:
+        return touching
+    return replace(touching, tool=replace(touching.tool, contact=friction))
+
+
 def _default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Motions:
     """Where geometries are in the plant's default Context, at rest."""
     context = plant.CreateDefaultContext()
@@ -147,6 +186,7 @@ def AddMaterial(
     period: float = PERIOD,
     settle: tuple[float, float] = (0.0, 0.0),
     mass_scale: float = 1.0,
+    effects: Mapping[str, Effect] = CATALOGUE,
     precision: str = "float32",
     device: str = "cpu",
 ) -> MaterialSystem:
@@ -156,7 +196,7 @@ def AddMaterial(
         builder: of the diagram that holds plant and scene graph.
         plant: finalized, with ``use_sampled_output_ports`` false.
         scene_graph: that the plant registered its geometry with.
-        material: of the soft body, or of each of several.
+        material: of the soft body, or of each of several; effects act in one alone.
         shape: of it when free of stress; its frame is M.
         X_WM: where it is.
         dx: grid spacing [m]; by default a sixth of the shortest edge.
@@ -170,6 +210,7 @@ def AddMaterial(
         period: of the exchange with the plant [s].
         settle: see ``MaterialSystem``.
         mass_scale: see ``Scene``.
+        effects: of which materials may name some, by id.
         precision: of the particles.
         device: Warp device.
 
@@ -208,14 +249,17 @@ def AddMaterial(
         region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
     found = [t for t in found if _reaches(plant, t, region)]
+    gravity = plant.gravity_field().gravity_vector()
+    parts, acting, friction = acted(materials, filled_with, gravity, effects)
+    found = [_rubbing(t, friction) for t in found]
     scene = Scene(
-        materials,
-        filled_with,
+        [m for m, _ in parts],
+        [b for _, b in parts],
         [t.tool for t in found],
         region=region,
         dx=dx,
-        gravity=plant.gravity_field().gravity_vector(),
         mass_scale=mass_scale,
+        **acting,
         total=over_rest(materials, grid),
         precision=precision,
         device=device,

@@ -1,5 +1,6 @@
 """A scenario as one diagram: arm, tool, soft material and sensors, with the ports of the real robot."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer
 
+from form_drake.effects import CATALOGUE, Effect
 from form_drake.material import Material
 from form_drake.motion.body import Face
 from form_drake.mpm.exchange import region_around
@@ -74,6 +76,7 @@ def make_station(
     *,
     hardware: bool = False,
     material: Material | None = None,
+    effects: Mapping[str, Effect] = CATALOGUE,
     meshcat: Meshcat | None = None,
     view: View | None = None,
 ) -> Station:
@@ -90,6 +93,7 @@ def make_station(
         scenario: what it holds.
         hardware: the real arm instead of the simulated one.
         material: simulated instead of the scenario's.
+        effects: of which materials may name some, by id.
         meshcat: that shows it.
         view: what it shows of the material.
 
@@ -107,7 +111,8 @@ def make_station(
     apply_panda(plant, scenario.panda)
     plant.Finalize()
     panda = add_panda(builder, plant, scenario.panda)
-    soft = _soft(scenario, material or scenario.specimen.made(), builder, plant, scene_graph)
+    material = material or scenario.specimen.made()
+    soft = _soft(scenario, material, effects, builder, plant, scene_graph)
     _export_arm(scenario, builder, plant, panda, tool)
     _export_force(scenario, builder, soft, tool.body().name())
     builder.ExportOutput(soft.GetOutputPort("particles"), "material.particles")
@@ -150,6 +155,7 @@ def directives(scenario: Scenario) -> ModelDirectives:
 def _soft(
     scenario: Scenario,
     material: Material,
+    effects: Mapping[str, Effect],
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
@@ -176,6 +182,7 @@ def _soft(
         period=solver.period,
         settle=(solver.damping, solver.settle),
         mass_scale=solver.mass_scale,
+        effects=effects,
         precision=solver.precision,
         device=solver.device,
     )

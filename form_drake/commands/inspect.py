@@ -82,7 +82,7 @@ def _scenario(name: str | Path) -> dict[str, Any]:
 
 
 def _scenarios() -> dict[str, Any]:
-    from form_drake.systems.scenario import named
+    from form_drake.systems.layers import named
 
     return {name: _scenario(name) for name in named()}
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
-from form_drake.effects import CATALOGUE, load
+from form_drake.effects import CATALOGUE, Effect, load
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
@@ -83,11 +83,10 @@ class Predict:
         device(self.device)
         material = material.changed(assignments(self.set))
         how = self._how(recording)
-        if material.effects and how != self._staged:
+        if material.effects and how == self._thrown:
             raise ValueError(
                 f"{self.material} has effects ({', '.join(e.id for e in material.effects)}): they act"
-                " in recordings that state their block and the poses of what holds it, without a"
-                " scenario"
+                " in a station, and in recordings that state their block and the poses of what holds it"
             )
         predicted, result, text = how(material, recording)
         if self.out is not None:
@@ -112,8 +111,7 @@ class Predict:
     ) -> tuple[Recording, dict[str, Any], str]:
         if self.drive != "pose":
             raise ValueError(f"--drive {self.drive}: without a scenario, poses drive the tools")
-        own = load(self.effects, CATALOGUE) if self.effects else {}
-        model = Model.of(material, CATALOGUE | own)
+        model = Model.of(material, self._catalogue)
         (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
         apart = predicted.p_WQ - recording.p_WQ
         errors = {"shape_rms": float(np.sqrt(np.nanmean(np.sum(apart**2, axis=2))))}
@@ -125,6 +123,10 @@ class Predict:
             errors[f"force_rms_{tool}"] = share
             text += f", force on {tool} {100 * share:.3g} % rms"
         return predicted, self._named(material) | errors, text
+
+    @property
+    def _catalogue(self) -> dict[str, Effect]:
+        return CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
 
     def _thrown(
         self, material: Material, recording: Recording
@@ -154,7 +156,12 @@ class Predict:
         scenario = load_scenario(self.scenario or beside, (f"solver.device={self.device}",))
         with tqdm(unit="step", disable=None, delay=2, leave=False) as bar:
             found = replay(
-                scenario, material, recording, drive=self.drive, progress=lambda *_: bar.update()
+                scenario,
+                material,
+                recording,
+                drive=self.drive,
+                effects=self._catalogue,
+                progress=lambda *_: bar.update(),
             )
         errors = {
             "shape_rms": found.shape_rms,

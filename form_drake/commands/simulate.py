@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Changes, device, emit, out_file, run_in, say
 from form_drake.files import target_folder, whole_folder, write_json, write_text
+from form_drake.material import read_material
 from form_drake.records import Recording, read_recording, write_recording
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ class Simulate:
     """Name of a scenario (see: form-drake list scenarios) or a .yaml file."""
     set: Changes = ()
     """Change of the scenario, such as specimen.material.E=63e3; may be given several times."""
+    material: Path | None = None
+    """Material file (YAML) of the specimen, effects and all; default: the scenario's own material."""
     out: Path | None = None
     """Folder to write; default: runs/SCENARIO."""
     field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
@@ -53,13 +56,14 @@ class Simulate:
         """Simulate, then write recording, truth, effective scenario and page."""
         from form_drake.systems.pictures import seen_by_cameras
         from form_drake.systems.probe import largest_force, prepare, record, shown, truth
-        from form_drake.systems.scenario import load_scenario, scenario_text
+        from form_drake.systems.scenario import holding, load_scenario, scenario_text
         from form_drake.systems.viewer import View
 
         device(self.device)
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
-        changes = (*self.set, f"solver.device={self.device}")
+        own = () if self.material is None else holding(read_material(self.material))
+        changes = (*own, *self.set, f"solver.device={self.device}")
         scenario = load_scenario(self.scenario, changes)
         if self.graphviz is not None:
             dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")

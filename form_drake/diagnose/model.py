@@ -130,6 +130,20 @@ class Model:
             causes.append(Cause(effect, one.coefficient, one.shape, one.std or 0.0))
         return cls(material.law, material.values, tuple(causes))
 
+    def acting(self, world: World) -> World:
+        """A world of this law and these values with the effects in it."""
+        for cause in self.causes:
+            if cause.effect.world is not None:
+                world = cause.effect.world(world, cause.coefficient, cause.shape)
+        return world
+
+    def sensed(self, recording: Recording) -> Recording:
+        """What the sensors tell of what they would record without effects."""
+        for cause in self.causes:
+            if cause.effect.sensor is not None:
+                recording = cause.effect.sensor(recording, cause.coefficient, cause.shape)
+        return recording
+
     def material(self, density: float) -> Material:
         """For a file: additions to the law become part of it, the other effects stand beside it."""
         law, values, beside = self.law, dict(self.values), []
@@ -244,13 +258,5 @@ class Scenes:
 
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
         stage = Stage(recording, dx, device=self.device)
-        density = body(recording).density
-        world = stage.world(Material(model.law, dict(model.values), density))
-        for cause in model.causes:
-            if cause.effect.world is not None:
-                world = cause.effect.world(world, cause.coefficient, cause.shape)
-        made = stage.rolled(world)
-        for cause in model.causes:
-            if cause.effect.sensor is not None:
-                made = cause.effect.sensor(made, cause.coefficient, cause.shape)
-        return made
+        plain = Material(model.law, dict(model.values), body(recording).density)
+        return model.sensed(stage.rolled(model.acting(stage.world(plain))))

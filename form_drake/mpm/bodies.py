@@ -5,8 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from form_drake.mpm.simulation import Body
+from form_drake.effects.world import World
+from form_drake.material import Material
+from form_drake.mpm.model import Body
 from form_drake.mpm.solids import Solid
+
+LEVELS = 8  # of stiffness across the edge of an inclusion
 
 
 def block(
@@ -59,3 +63,27 @@ def filled(solid: Solid, size: Sequence[float], spacing: float, density: float) 
     if not len(x):
         raise ValueError(f"no particle of spacing {spacing} m fits into the {solid.kind}")
     return Body(x, np.full(len(x), volume / len(x)), density)
+
+
+def parted(world: World, whole: Body) -> list[tuple[Material, Body]]:
+    """A body with what a world has put into it, in parts by material.
+
+    Args:
+        world: its material, inclusions and masses.
+        whole: the body; places in the world are in its coordinates.
+    """
+    density = np.full(len(whole.x), world.density)
+    for one in world.masses:
+        density += one.mass * one.ball.spread(whole.x, whole.volume) / whole.volume
+    plain = Material(world.law, dict(world.values), world.density)
+    factor = np.ones(len(whole.x))
+    for part in world.inclusions:
+        share = np.round(part.ball.share(whole.x) * LEVELS) / LEVELS
+        factor += (part.factor - 1.0) * share
+    found = []
+    for f in np.unique(factor):
+        stiffer = {t.key: float(f) * world.values[t.key] for t in world.law.terms}
+        own = factor == f
+        part = Body(whole.x[own], whole.volume[own], density[own], whole.edges)
+        found.append((plain.changed(stiffer), part))
+    return found

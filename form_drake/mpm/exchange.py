@@ -52,6 +52,8 @@ class Scene:
         mass_scale: factor on every density, its inverse on gravity: quasi-static motion in larger
             time steps.
         memories: of the bodies, see ``form_drake.laws.memory``.
+        drag: rate at which what surrounds the bodies lets velocities decay [1/s].
+        swelling: stretch that the bodies have where they are free of stress, less one.
         total: see ``Simulation``; of the region only what the bodies fill at rest is then laid out.
         gradient: of the solver, see ``form_drake.records.Solver``; None: ``mls`` over the rest shape,
             ``exact`` in space.
@@ -73,6 +75,8 @@ class Scene:
         gravity: np.ndarray,
         mass_scale: float = 1.0,
         memories: Sequence[Memory] = (),
+        drag: float = 0.0,
+        swelling: float = 0.0,
         total: bool = False,
         gradient: Gradient | None = None,
         precision: str = "float32",
@@ -86,6 +90,7 @@ class Scene:
                     f" out of the region from {low} to {high} m: enlarge the region"
                 )
         self.rest = np.concatenate([b.x for b in bodies])
+        self.drag, self._swelling = drag, swelling
         edge = REST if total else EDGE
         if total:
             low = low + dx * np.floor((self.rest.min(axis=0) - low) / dx)
@@ -142,7 +147,8 @@ class Scene:
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""
         body = self.simulation.body
-        self.simulation.reset(body.x, np.zeros_like(body.x))
+        F = np.tile(np.eye(3) / (1.0 + self._swelling), (len(body.x), 1, 1))
+        self.simulation.reset(body.x, np.zeros_like(body.x), F=F)
         none = np.zeros((len(self.tools), 3))
         return Snapshot(self.simulation.state(), none, none, self.rest)
 
@@ -166,13 +172,17 @@ class Scene:
             start: where the bodies are; any earlier snapshot of this scene.
             motions: of the tools in the world at its time.
             duration: [s].
-            damping: rate at which velocities decay [1/s].
+            damping: rate at which velocities decay [1/s], beside the drag.
         """
         end, _ = self.follow(start, [motions], np.array([duration]), damping)
         return end
 
     def follow(
-        self, start: Snapshot, motions: Sequence[Motions], durations: np.ndarray, damping: float
+        self,
+        start: Snapshot,
+        motions: Sequence[Motions],
+        durations: np.ndarray,
+        damping: float = 0.0,
     ) -> tuple[Snapshot, np.ndarray]:
         """The same after several motions, one after the other.
 
@@ -188,7 +198,7 @@ class Scene:
         simulation, forces = self.simulation, np.zeros((len(motions), len(self.tools), 3))
         moment = np.zeros_like(start.moment)
         simulation.restore(start.state)
-        simulation.set_damping(damping)
+        simulation.set_damping(damping + self.drag)
         for n, (way, duration) in enumerate(zip(motions, durations.tolist(), strict=True)):
             simulation.tools.move(replace(way, p_WT=way.p_WT - self.corner))
             simulation.tools.forget()

@@ -14,9 +14,8 @@ from form_drake.laws.memory import NEVER
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
-from form_drake.mpm.bodies import block
+from form_drake.mpm.bodies import block, parted
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
-from form_drake.mpm.model import Body
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
 from form_drake.mpm.tracing import between
@@ -27,7 +26,6 @@ SETTLING = 0.15  # time [s] that the body is given to come to rest
 COMING = 0.5  # of it, in which tools come to where they begin: what yields remembers a sudden one
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 QUARTER = 0.25  # of a cell, by which faces lie beyond a node
-LEVELS = 8  # of stiffness across the edge of an inclusion
 
 # places [m] and orientations, shapes [times, 3] and [times, 3, 3]
 _Way = tuple[np.ndarray, np.ndarray]
@@ -81,7 +79,8 @@ class Stage:
         held = self._held(shape)
         paths = [_Path.of(self.recording, shape, face) for face in held]
         dx, places = self._grid(shape, held)
-        bodies = self._bodies(world, shape, dx)
+        size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
+        bodies = parted(world, block(middle, size, 0.5 * dx, world.density))
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
@@ -93,6 +92,8 @@ class Stage:
             gravity=world.gravity,
             mass_scale=self.recording.mass_scale,
             memories=world.memories,
+            drag=world.drag,
+            swelling=world.swelling,
             total=True,
             precision=self.precision,
             device=self.device,
@@ -137,26 +138,6 @@ class Stage:
             places.setdefault(face.axis, float((shape.low, shape.high)[face.side][face.axis]))
         return dx, places
 
-    def _bodies(self, world: World, shape: Shape, dx: float) -> list[tuple[Material, Body]]:
-        """Parts of the body by material."""
-        size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
-        whole = block(middle, size, 0.5 * dx, world.density)
-        density = np.full(len(whole.x), world.density)
-        for one in world.masses:
-            density += one.mass * one.ball.spread(whole.x, whole.volume) / whole.volume
-        plain = Material(world.law, dict(world.values), world.density)
-        factor = np.ones(len(whole.x))
-        for part in world.inclusions:
-            share = np.round(part.ball.share(whole.x) * LEVELS) / LEVELS
-            factor += (part.factor - 1.0) * share
-        found = []
-        for f in np.unique(factor):
-            stiffer = {t.key: float(f) * world.values[t.key] for t in world.law.terms}
-            own = factor == f
-            part = Body(whole.x[own], whole.volume[own], density[own], whole.edges)
-            found.append((plain.changed(stiffer), part))
-        return found
-
 
 @dataclass(frozen=True)
 class _Play:
@@ -187,7 +168,7 @@ class _Play:
         motions = _motions([_followed(p.at(ends), steps) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
             own = slice(first, last)
-            snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own], self.world.drag)
+            snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own])
             forces.extend(mean)
             frames.append(snapshot)
             late += [0.5 * self.scene.simulation.dt] * len(mean)
@@ -206,10 +187,6 @@ class _Play:
         scene.tie(motions[0])
         self._grip(replace(world, friction=0.0, adhesion=0.0, slipping=0.0, slippery=0.0))
         snapshot = scene.start()
-        if world.swelling:
-            F = np.tile(np.eye(3) / (1.0 + world.swelling), (len(scene.rest), 1, 1))
-            parts = np.broadcast_to(F, (len(world.memories), *F.shape))
-            snapshot = replace(snapshot, state=replace(snapshot.state, F=F, parts=parts))
         relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
         scene.simulation.set_memories(relaxed)
         snapshot, _ = scene.follow(snapshot, motions, np.full(count, PERIOD), CALM)

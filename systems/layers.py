@@ -1,0 +1,117 @@
+"""YAML files of scenarios: what they inherit, changes by path, and keys that there are."""
+
+import dataclasses
+import typing
+from collections.abc import Mapping
+from importlib.abc import Traversable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from form_drake.files import read_mapping
+
+DEEPEST = 8  # of inheritance
+
+
+def shipped() -> Traversable:
+    """The folder of the scenarios that come with the package."""
+    return files("form_drake") / "models" / "scenarios"
+
+
+def named() -> list[str]:
+    """Scenarios of the package that can be run: those that others only inherit from are left out."""
+    found = {Path(p.name).stem: p for p in shipped().iterdir() if p.name.endswith(".yaml")}
+    contents = {name: yaml.safe_load(p.read_text()) for name, p in found.items() if "." not in name}
+    parents = {c.get("inherits") for c in contents.values()}
+    return sorted(set(contents) - parents)
+
+
+def inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
+    """What a file holds, on top of what it inherits.
+
+    Args:
+        name: of a scenario of the package, or a file.
+        folder: that the file is named from.
+        depth: of inheritance so far.
+
+    Raises:
+        ValueError: there is no such scenario or file, or inheritance has no end.
+    """
+    if depth > DEEPEST:
+        raise ValueError("it inherits from itself")
+    path = folder / name
+    if not name.endswith((".yaml", ".yml")):
+        path = Path(str(shipped() / f"{name}.yaml"))
+        if not path.is_file():
+            raise ValueError(
+                f"no scenario {name!r}: choose from {', '.join(named())}, or name a .yaml file"
+            )
+    content = read_mapping(path)
+    parent = content.pop("inherits", None)
+    if parent is None:
+        return content
+    base = inherited(str(parent), path.parent, depth + 1)
+    return _merged(base, content)
+
+
+def _merged(base: Any, over: Any) -> Any:
+    """``over`` on top of ``base``, mapping by mapping; lists are replaced."""
+    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
+        return over
+    return {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
+
+
+def change(content: dict[str, Any], told: str) -> None:
+    """Change an entry, as PATH=VALUE tells.
+
+    Raises:
+        ValueError: it is told otherwise, or the path goes through a value.
+    """
+    place, equals, text = told.partition("=")
+    *path, last = place.strip().split(".")
+    if not equals or not last:
+        raise ValueError(f"--set {told}: NAME.NAME=VALUE is wanted")
+    try:
+        value: Any = float(text)
+        value = int(text) if value.is_integer() and text.strip().lstrip("+-").isdigit() else value
+    except ValueError:
+        value = yaml.safe_load(text)
+    here = content
+    for key in path:
+        here = here.setdefault(key, {})
+        if not isinstance(here, dict):
+            raise ValueError(f"--set {told}: {key} holds no entries")
+    here[last] = value
+
+
+def check(schema: Any, content: Any, where: str) -> None:
+    """Refuse keys that no dataclass has a field for, and texts in the place of numbers.
+
+    Args:
+        schema: dataclass or type.
+        content: what a file holds for it.
+        where: path of it in the file.
+
+    Raises:
+        ValueError: says what is allowed.
+    """
+    if schema is float and (isinstance(content, bool) or not isinstance(content, int | float)):
+        raise ValueError(f"{where}: a number is wanted, got {content!r}")
+    if typing.get_origin(schema) is list:
+        for n, item in enumerate(content if isinstance(content, list) else ()):
+            check(typing.get_args(schema)[0], item, f"{where}[{n}]")
+    if typing.get_origin(schema) is dict and isinstance(content, Mapping):
+        for key, item in content.items():
+            check(typing.get_args(schema)[1], item, f"{where}.{key}")
+    if not dataclasses.is_dataclass(schema):
+        return
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{where or 'a file'} holds entries, got {content!r}")
+    allowed = {f.name: f.type for f in dataclasses.fields(schema)}
+    for key, value in content.items():
+        place = f"{where}.{key}" if where else str(key)
+        if key not in allowed:
+            raise ValueError(f"no {place}; allowed there are {', '.join(allowed)}")
+        check(allowed[key], value, place)

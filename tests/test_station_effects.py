@@ -1,0 +1,175 @@
+"""Effects in the station: what acts in the specimen or its sensors, and is nowhere in the recording."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from pydrake.geometry import Box, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from form_drake.__main__ import main
+from form_drake.effects import CATALOGUE, Effect
+from form_drake.laws import LAWS
+from form_drake.material import Acting, Material, read_material
+from form_drake.records import read
+from form_drake.systems.probe import prepare, record, truth
+from form_drake.systems.replay import replay
+from form_drake.systems.scenario import Waypoint, holding, load_scenario, scenario_text
+from form_drake.systems.soft import AddMaterial
+from form_drake.systems.station import make_station
+
+COARSE = ("solver.dx=0.006", "solver.mass_scale=20", "measure.points=40", "measure.noise=0")
+QUIET = (*COARSE, "measure.sensor.noise=[0.0]", "solver.settle=0.05")
+BALL = "{x: 0.5, y: 0.0, z: 0.0625, radius: 0.01}"
+
+
+def acting(*effects, changes=()):
+    """A short press of a coarse elastic block in which effects act."""
+    own = f"specimen.effects=[{', '.join(effects)}]"
+    scenario = load_scenario("press_elastic", (*QUIET, own, *changes))
+    p = np.array(scenario.probe.waypoints[0].p_WT)
+    times, depths = (0.0, 0.06, 0.2, 0.3), (0.0, 0.0, 0.0025, 0.0015)
+    way = [Waypoint(t, list(p - [0.0, 0.0, d])) for t, d in zip(times, depths, strict=True)]
+    scenario.probe.waypoints = way
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return record(prepare(acting()))
+
+
+def scene(*effects):
+    return make_station(acting(*effects)).material.scene
+
+
+def test_a_scenario_tells_which_effects_act_and_its_files_do_not():
+    drag = "{id: drag, coefficient: 5.0}"
+    scenario = acting(drag)
+    assert truth(scenario)["effects"] == [{"id": "drag", "coefficient": 5.0, "shape": {}}]
+    assert "effects" not in truth(acting())
+    change = (f"specimen.effects=[{drag}]",)
+    assert "drag" in scenario_text("press_elastic", change)
+    assert "drag" not in scenario_text("press_elastic", change, hidden=True)
+
+
+def test_what_a_world_changes_is_in_the_scene():
+    body = scene().simulation.body
+    heavy = scene("{id: density, coefficient: 0.1}", "{id: drag, coefficient: 7.0}")
+    assert heavy.simulation.body.mass.sum() == pytest.approx(1.1 * body.mass.sum())
+    assert heavy.drag == 7.0
+    loaded = scene(f"{{id: added-mass, coefficient: 2.0e-3, shape: {BALL}}}")
+    assert loaded.simulation.body.mass.sum() - body.mass.sum() == pytest.approx(20.0 * 2e-3)
+    tilted = scene("{id: gravity-tilt, coefficient: 0.1, shape: {azimuth: 0.0}}")
+    g = np.array(tilted.simulation.solver.gravity) * 20.0
+    assert np.linalg.norm(g) == pytest.approx(9.81) and abs(g[0]) == pytest.approx(0.98, rel=0.01)
+    relaxing = scene("{id: relaxation, coefficient: 0.3, shape: {time: 0.2}}")
+    assert [m.share for m in relaxing.simulation.memories] == [0.3]
+    stiff = scene(f"{{id: inclusion, coefficient: 1.0, shape: {BALL}}}")
+    assert len(stiff.simulation.bodies) > 1 and len(stiff.rest) == len(body.x)
+    swollen = scene("{id: eigenstrain, coefficient: 0.02}").start().state.F
+    np.testing.assert_allclose(swollen, np.broadcast_to(np.eye(3) / 1.02, swollen.shape))
+    rough = scene("{id: tool-friction, coefficient: 0.2}")
+    assert {t.name: t.contact for t in rough.tools}.items() >= {("press_plate::contact", 0.2)}
+    damped = scene("{id: damping, coefficient: 3.0}")
+    assert damped.simulation.laws[0].name == "fixed-corotated+damping"
+
+
+def test_sensors_tell_what_their_effects_make_of_the_same_motion(plain):
+    told = record(
+        prepare(
+            acting("{id: force-gain, coefficient: 0.1}", "{id: camera-scale, coefficient: 0.01}")
+        )
+    )
+    for source, force in plain.forces.items():
+        np.testing.assert_allclose(told.forces[source].value, 1.1 * force.value, atol=1e-12)
+    np.testing.assert_allclose(told.p_WQ, 1.01 * plain.p_WQ, atol=1e-12)
+    np.testing.assert_array_equal(told.reference, plain.reference)
+
+
+def test_what_resists_motion_takes_its_impulse(plain):
+    """Of a rod that may widen the Trouton viscosity is two to three times that of shear, by volume."""
+    damped = record(prepare(acting("{id: damping, coefficient: 30.0}")))
+    (tool,) = plain.poses
+    own, other = (r.forces[tool] for r in (plain, damped))
+    pressing = (own.time > 0.06) & (own.time < 0.2)
+    more = np.sum(other.value[pressing, 2] - own.value[pressing, 2]) * 1e-3
+    area, strain = 0.03**2, (0.0025 - 0.001) / 0.025  # the first millimetre is air
+    assert 2.0 < more / (30.0 * area * strain) < 3.0
+
+
+def test_a_replay_of_the_same_material_is_the_probe_itself(plain):
+    effects = "{id: tool-friction, coefficient: 0.3}", "{id: force-gain, coefficient: -0.2}"
+    scenario = acting(*effects)
+    hidden = record(prepare(scenario))
+    again = replay(scenario, scenario.specimen.made(), hidden)
+    without = replay(scenario, acting().specimen.made(), hidden)
+    assert again.force_rms < 0.2 * without.force_rms
+    assert again.shape_rms < 0.2 * without.shape_rms
+
+
+def test_a_material_file_is_simulated_as_it_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    law = LAWS["fixed-corotated"]
+    bias = Acting("force-bias", 0.5, {"azimuth": 0.0, "elevation": 0.0})
+    soft = Material(law, {"mu": 1e4, "lam": 1.5e4}, 1100.0, effects=(bias,))
+    soft.write(tmp_path / "soft.yaml")
+    changes = holding(read_material(tmp_path / "soft.yaml"))
+    made = load_scenario("press_elastic", changes).specimen.made()
+    assert made.law is law and dict(made.values) == dict(soft.values)
+    assert (made.density, made.effects) == (1100.0, soft.effects)
+    own = yaml.safe_dump([{"time": t, "p_WT": [0.5, 0.0, 0.076]} for t in (0.0, 0.1)])
+    told = ["--set", f"probe.waypoints={own}", *(w for c in QUIET for w in ("--set", c))]
+    assert main(["simulate", "press_elastic", "--material", "soft.yaml", "--no-page", *told]) == 0
+    capsys.readouterr()
+    folder = tmp_path / "runs" / "press_elastic"
+    force = read(folder / "recording.h5").forces["press_plate"].value
+    np.testing.assert_allclose(force, np.broadcast_to([0.5, 0.0, 0.0], force.shape), atol=1e-3)
+    assert "force-bias" in (folder / "truth.json").read_text()
+    assert "effects" not in (folder / "scenario.yaml").read_text()
+
+
+def test_effects_of_ones_own_may_act():
+    thick = Effect(
+        id="thick-air",
+        sentence="the air is thick",
+        unit="1/s",
+        prior=(1.0, 10.0),
+        column=lambda reading, shape: reading.X[:, 0],
+        world=lambda world, size, shape: replace(world, drag=size),
+    )
+    material = replace(acting().specimen.made(), effects=(Acting("thick-air", 3.0),))
+    made = make_station(acting(), material=material, effects=CATALOGUE | {"thick-air": thick})
+    assert made.material.scene.drag == 3.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "told"),
+    [
+        ("{id: sag, coefficient: 1.0}", "effect 'sag': choose from"),
+        ("{id: adhesion, coefficient: 100.0}", "state the contact of the tools"),
+        ("{id: relaxation, coefficient: 0.1}", "shape .* is given, .*time.* is wanted"),
+        ("{id: drag, size: 1.0}", r"no specimen.effects\[0\].size; allowed there are id, coeff"),
+        ("{id: drag, coefficient: much}", r"coefficient: a number is wanted, got 'much'"),
+    ],
+)
+def test_effects_that_a_station_cannot_show_are_refused_in_one_line(effects, told):
+    with pytest.raises(ValueError, match=told) as caught:
+        make_station(acting(effects))
+    assert "\n" not in str(caught.value)
+
+
+def test_effects_act_on_one_body_alone():
+    builder = DiagramBuilder()
+    config = MultibodyPlantConfig(time_step=1e-3, use_sampled_output_ports=False)
+    plant, scene_graph = AddMultibodyPlant(config, builder)
+    plant.Finalize()
+    assert isinstance(scene_graph, SceneGraph)
+    material = replace(acting().specimen.made(), effects=(Acting("drag", 1.0),))
+    shapes = [Box(0.02, 0.02, 0.02)] * 2
+    poses = [RigidTransform([0.0, 0.0, z]) for z in (0.0, 0.1)]
+    with pytest.raises(ValueError, match="one body alone, here are 2"):
+        AddMaterial(builder, plant, scene_graph, [material] * 2, shapes, poses)
