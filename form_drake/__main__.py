@@ -78,14 +78,17 @@ def _parse(arguments: list[str]) -> Any:
 
 def _run(arguments: list[str]) -> None:
     """Run one command; everything heavy is imported from here on."""
+    asked = sorted(arguments) in (["--version"], ["--json", "--version"])
+    run = None if asked else _parse(arguments).run
+
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
     _quietly(wp.init)
-    if sorted(arguments) in (["--version"], ["--json", "--version"]):
+    if run is None:
         print(versions(as_json="--json" in arguments))
     else:
-        _parse(arguments).run()
+        run()
     sys.stdout.flush()
 
 
