@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from form_drake.diagnose import Model
 from form_drake.effects import CATALOGUE, Effect, World
 from form_drake.material import Material
-from form_drake.mpm.bodies import block, filled, parted
+from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import Body
 from form_drake.mpm.tools import Motions, Tool
@@ -150,7 +150,7 @@ def acted(
             " it: state the contact of the tools of a station instead"
         )
     own = {k: getattr(world, k) for k in ("gravity", "drag", "swelling", "memories")}
-    return parted(world, body), own, world.friction
+    return by_material(world, body), own, world.friction
 
 
 def _rubbing(touching: Touching, friction: float) -> Touching:

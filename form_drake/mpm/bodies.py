@@ -65,7 +65,7 @@ def filled(solid: Solid, size: Sequence[float], spacing: float, density: float) 
     return Body(x, np.full(len(x), volume / len(x)), density)
 
 
-def parted(world: World, whole: Body) -> list[tuple[Material, Body]]:
+def by_material(world: World, whole: Body) -> list[tuple[Material, Body]]:
     """A body with what a world has put into it, in parts by material.
 
     Args:

@@ -14,7 +14,7 @@ from form_drake.laws.memory import NEVER
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
-from form_drake.mpm.bodies import block, parted
+from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
@@ -80,7 +80,7 @@ class Stage:
         paths = [_Path.of(self.recording, shape, face) for face in held]
         dx, places = self._grid(shape, held)
         size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
-        bodies = parted(world, block(middle, size, 0.5 * dx, world.density))
+        bodies = by_material(world, block(middle, size, 0.5 * dx, world.density))
         scene = Scene(
             [m for m, _ in bodies],
             [b for _, b in bodies],
