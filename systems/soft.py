@@ -153,11 +153,20 @@ def acted(
     return by_material(world, body), own, world.friction
 
 
-def _rubbing(touching: Touching, friction: float) -> Touching:
-    """A geometry that is stated to be frictionless with a friction after all."""
-    if friction == 0.0 or touching.tool.contact != 0.0:
-        return touching
-    return replace(touching, tool=replace(touching.tool, contact=friction))
+def _rubbing(touching: Sequence[Touching], friction: float) -> list[Touching]:
+    """Geometries, those that are stated to be frictionless with a friction after all.
+
+    Raises:
+        ValueError: none is.
+    """
+    smooth = [t.tool.contact == 0.0 for t in touching]
+    if friction and not any(smooth):
+        names = ", ".join(sorted({t.name for t in touching}))
+        raise ValueError(f"tool-friction: none of {names} is stated to be frictionless")
+    return [
+        replace(t, tool=replace(t.tool, contact=friction)) if own and friction else t
+        for t, own in zip(touching, smooth, strict=True)
+    ]
 
 
 def _default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Motions:
@@ -251,7 +260,7 @@ def AddMaterial(
     found = [t for t in found if _reaches(plant, t, region)]
     gravity = plant.gravity_field().gravity_vector()
     parts, acting, friction = acted(materials, filled_with, gravity, effects)
-    found = [_rubbing(t, friction) for t in found]
+    found = _rubbing(found, friction)
     scene = Scene(
         [m for m, _ in parts],
         [b for _, b in parts],

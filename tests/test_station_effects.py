@@ -162,6 +162,13 @@ def test_effects_that_a_station_cannot_show_are_refused_in_one_line(effects, tol
     assert "\n" not in str(caught.value)
 
 
+def test_a_tool_that_may_rub_cannot_rub_secretly():
+    friction = "{id: tool-friction, coefficient: 0.2}"
+    rough = acting(friction, changes=("specimen.contact.press_plate=0.1",))
+    with pytest.raises(ValueError, match="none of press_plate, specimen_stand is stated to be"):
+        make_station(rough)
+
+
 def test_effects_act_on_one_body_alone():
     builder = DiagramBuilder()
     config = MultibodyPlantConfig(time_step=1e-3, use_sampled_output_ports=False)
