@@ -13,8 +13,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, smooth
-from form_drake.diagnose import Model
 from form_drake.effects import CATALOGUE
+from form_drake.effects.acting import known, sensed
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.follower import PathFollower
@@ -144,7 +144,7 @@ def _seen(
 def _add_recorder(
     builder: DiagramBuilder, scenario: Scenario, station: Station, source: Source
 ) -> Recorder:
-    solver = scenario.solver
+    solver, acting = scenario.solver, known(scenario.specimen.made().effects, CATALOGUE)
     recorder = Recorder(
         source.header,
         station.tool.body().name(),
@@ -152,7 +152,7 @@ def _add_recorder(
         rate=source.rate,
         period=solver.period,
         rig=source.rig,
-        sensed=Model.of(scenario.specimen.made(), CATALOGUE).sensed,
+        sensed=lambda recording: sensed(recording, acting),
     )
     builder.AddNamedSystem("recorder", recorder)
     builder.Connect(source.tracks.get_output_port(), recorder.GetInputPort("sight"))

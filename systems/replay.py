@@ -10,8 +10,8 @@ from pydrake.trajectories import PiecewisePose
 from scipy.spatial import cKDTree
 
 from form_drake.control import ForceServo
-from form_drake.diagnose import Model
 from form_drake.effects import CATALOGUE, Effect
+from form_drake.effects.acting import known, sensed
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.mpm.exchange import Snapshot
@@ -98,7 +98,8 @@ def replay(
         forces={tool: Stream(begin + 0.5 * period, np.array(forces))},
         source="prediction",
     )
-    return _compared(recording, Model.of(material, effects).sensed(predicted), tool)
+    acting = known(material.effects, effects)
+    return _compared(recording, sensed(predicted, acting), tool)
 
 
 def twin(scenario: Scenario, recording: Recording) -> Callable[[Mapping[str, float]], Recording]:

@@ -11,8 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
-from form_drake.diagnose import Model
 from form_drake.effects import CATALOGUE, Effect, World
+from form_drake.effects.acting import changed, known
 from form_drake.material import Material
 from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
@@ -143,7 +143,7 @@ def acted(
     if material.density is None:
         raise ValueError(f"a material of law {material.law.name} states no density")
     plain = World(material.law, material.values, material.density, np.asarray(gravity))
-    world = Model.of(material, effects).acting(plain)
+    world = changed(plain, known(material.effects, effects))
     if world.adhesion or world.slipping or world.slippery:
         raise ValueError(
             "adhesion and floor-slip act at faces of a block that plates hold, as predict simulates"

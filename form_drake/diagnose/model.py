@@ -2,10 +2,12 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
 from form_drake.effects import Effect, Shape, World
+from form_drake.effects.acting import changed, known, sensed
 from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
 from form_drake.motion import body
@@ -117,32 +119,12 @@ class Model:
             ValueError: an effect that the catalogue does not have, or shape parameters that are
                 not its own.
         """
-        causes = []
-        for one in material.effects:
-            if one.id not in effects:
-                raise ValueError(f"effect {one.id!r}: choose from {', '.join(effects)}")
-            effect = effects[one.id]
-            if set(one.shape) != set(effect.shapes):
-                raise ValueError(
-                    f"effect {one.id}: shape {sorted(one.shape)} is given,"
-                    f" {sorted(effect.shapes) or 'none'} is wanted"
-                )
-            causes.append(Cause(effect, one.coefficient, one.shape, one.std or 0.0))
+        stds = [one.std or 0.0 for one in material.effects]
+        causes = (
+            Cause(one.effect, one.coefficient, one.shape, std)
+            for one, std in zip(known(material.effects, effects), stds, strict=True)
+        )
         return cls(material.law, material.values, tuple(causes))
-
-    def acting(self, world: World) -> World:
-        """A world of this law and these values with the effects in it."""
-        for cause in self.causes:
-            if cause.effect.world is not None:
-                world = cause.effect.world(world, cause.coefficient, cause.shape)
-        return world
-
-    def sensed(self, recording: Recording) -> Recording:
-        """What the sensors tell of what they would record without effects."""
-        for cause in self.causes:
-            if cause.effect.sensor is not None:
-                recording = cause.effect.sensor(recording, cause.coefficient, cause.shape)
-        return recording
 
     def material(self, density: float) -> Material:
         """For a file: additions to the law become part of it, the other effects stand beside it."""
@@ -259,4 +241,5 @@ class Scenes:
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
         stage = Stage(recording, dx, device=self.device)
         plain = Material(model.law, dict(model.values), body(recording).density)
-        return model.sensed(stage.rolled(model.acting(stage.world(plain))))
+        made = stage.rolled(changed(stage.world(plain), model.causes))
+        return cast(Recording, sensed(made, model.causes))
