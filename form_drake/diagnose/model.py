@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from form_drake.effects import Effect, Shape, World
-from form_drake.effects.acting import changed, known, sensed
+from form_drake.effects.acting import Known, changed, known, sensed
 from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
 from form_drake.motion import body
@@ -23,21 +23,15 @@ SEARCH, FIT = 2.25, 1.5  # times the spacing, of grids that find what is missing
 
 
 @dataclass(frozen=True)
-class Cause:
-    """An effect that acts.
+class Cause(Known):
+    """An effect that acts, as far as it is known.
 
     Attributes:
-        effect: of a catalogue.
-        coefficient: in its unit.
-        shape: values of its shape parameters.
         std: of the coefficient; infinite: what is measured does not tell its size.
         spread: standard deviations of the shape parameters that were refined and are seen.
         alone: the part of ``std`` that is noise; None: all of it.
     """
 
-    effect: Effect
-    coefficient: float
-    shape: Shape
     std: float = 0.0
     spread: Shape = field(default_factory=dict)
     alone: float | None = None
@@ -120,10 +114,8 @@ class Model:
                 not its own.
         """
         stds = [one.std or 0.0 for one in material.effects]
-        causes = (
-            Cause(one.effect, one.coefficient, one.shape, std)
-            for one, std in zip(known(material.effects, effects), stds, strict=True)
-        )
+        acting = zip(known(material.effects, effects), stds, strict=True)
+        causes = (Cause(one.effect, one.coefficient, one.shape, std) for one, std in acting)
         return cls(material.law, material.values, tuple(causes))
 
     def material(self, density: float) -> Material:

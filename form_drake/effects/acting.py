@@ -21,22 +21,15 @@ class Told(Protocol):
     def shape(self) -> Shape: ...
 
 
-class Acts(Protocol):
-    """An effect of a catalogue with its size."""
-
-    @property
-    def effect(self) -> Effect: ...
-
-    @property
-    def coefficient(self) -> float: ...
-
-    @property
-    def shape(self) -> Shape: ...
-
-
 @dataclass(frozen=True)
 class Known:
-    """The same, and no more."""
+    """An effect of a catalogue with its size.
+
+    Attributes:
+        effect: of the catalogue.
+        coefficient: in its unit.
+        shape: values of its shape parameters.
+    """
 
     effect: Effect
     coefficient: float
@@ -64,7 +57,7 @@ def known(told: Iterable[Told], effects: Mapping[str, Effect]) -> tuple[Known, .
     return tuple(found)
 
 
-def changed(world: World, acting: Iterable[Acts]) -> World:
+def changed(world: World, acting: Iterable[Known]) -> World:
     """A scene with the effects of the world in it."""
     for one in acting:
         if one.effect.world is not None:
@@ -72,7 +65,7 @@ def changed(world: World, acting: Iterable[Acts]) -> World:
     return world
 
 
-def sensed(recording: Any, acting: Iterable[Acts]) -> Any:
+def sensed(recording: Any, acting: Iterable[Known]) -> Any:
     """What sensors with their effects tell of what they would record without."""
     for one in acting:
         if one.effect.sensor is not None:
