@@ -1,6 +1,7 @@
 """YAML files of scenarios: what they inherit, changes by path, and keys that there are."""
 
 import dataclasses
+import math
 import typing
 from collections.abc import Mapping
 from importlib.abc import Traversable
@@ -87,7 +88,7 @@ def change(content: dict[str, Any], told: str) -> None:
 
 
 def check(schema: Any, content: Any, where: str) -> None:
-    """Refuse keys that no dataclass has a field for, and texts in the place of numbers.
+    """Refuse keys that no dataclass has a field for, and what is no number, list or mapping where one is due.
 
     Args:
         schema: dataclass or type.
@@ -99,10 +100,16 @@ def check(schema: Any, content: Any, where: str) -> None:
     """
     if schema is float and (isinstance(content, bool) or not isinstance(content, int | float)):
         raise ValueError(f"{where}: a number is wanted, got {content!r}")
+    if schema is float and not math.isfinite(content):
+        raise ValueError(f"{where}: a finite number is wanted, got {content}")
     if typing.get_origin(schema) is list:
-        for n, item in enumerate(content if isinstance(content, list) else ()):
+        if not isinstance(content, list):
+            raise ValueError(f"{where}: a list is wanted, got {content!r}")
+        for n, item in enumerate(content):
             check(typing.get_args(schema)[0], item, f"{where}[{n}]")
-    if typing.get_origin(schema) is dict and isinstance(content, Mapping):
+    if typing.get_origin(schema) is dict:
+        if not isinstance(content, Mapping):
+            raise ValueError(f"{where}: entries are wanted, got {content!r}")
         for key, item in content.items():
             check(typing.get_args(schema)[1], item, f"{where}.{key}")
     if not dataclasses.is_dataclass(schema):
