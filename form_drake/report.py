@@ -50,10 +50,9 @@ class Report:
     def figure(self, figure: Any, caption: str) -> None:
         """A matplotlib figure with its caption."""
         image = io.BytesIO()
-        fits = (
-            figure.get_layout_engine() is not None
-        )  # else it is drawn twice, first to see its size
-        figure.savefig(image, format="png", dpi=110, bbox_inches=None if fits else "tight")
+        # tight: drawn twice, first to see its size
+        box = "tight" if figure.get_layout_engine() is None else None
+        figure.savefig(image, format="png", dpi=110, bbox_inches=box)
         self._picture(image.getvalue(), caption)
 
     def image(self, path: Path, caption: str) -> None:

@@ -62,8 +62,15 @@ def replay(
         progress: called with (steps done, steps).
 
     Raises:
-        ValueError: the recording is not of this scenario, or lacks poses or forces of its tool.
+        ValueError: the recording is not of this scenario, or lacks poses or forces of its tool; or a
+            force drives that sensors with effects have told.
     """
+    acting = known(material.effects, effects)
+    wrong = [one.effect.id for one in acting if one.effect.sensor is not None]
+    if drive == "force" and wrong:
+        raise ValueError(
+            f"drive force: with {', '.join(wrong)} the recorded force is not what acted; choose pose"
+        )
     station = make_station(scenario, material=material, effects=effects)
     tool = station.tool.body().name()
     for name, streams in (("poses", recording.poses), ("force", recording.forces)):
@@ -98,7 +105,6 @@ def replay(
         forces={tool: Stream(begin + 0.5 * period, np.array(forces))},
         source="prediction",
     )
-    acting = known(material.effects, effects)
     return _compared(recording, sensed(predicted, acting), tool)
 
 

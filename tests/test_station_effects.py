@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from pydrake.geometry import Box, SceneGraph
+from pydrake.geometry import Box
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -111,6 +111,12 @@ def test_a_replay_of_the_same_material_is_the_probe_itself(plain):
     assert again.shape_rms < 0.2 * without.shape_rms
 
 
+def test_a_force_that_a_sensor_has_changed_drives_nothing(plain):
+    scenario = acting("{id: force-gain, coefficient: 0.1}", "{id: drag, coefficient: 1.0}")
+    with pytest.raises(ValueError, match="drive force: with force-gain the recorded force is not"):
+        replay(scenario, scenario.specimen.made(), plain, drive="force")
+
+
 def test_a_material_file_is_simulated_as_it_is(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     law = LAWS["fixed-corotated"]
@@ -190,7 +196,6 @@ def test_effects_act_on_one_body_alone():
     config = MultibodyPlantConfig(time_step=1e-3, use_sampled_output_ports=False)
     plant, scene_graph = AddMultibodyPlant(config, builder)
     plant.Finalize()
-    assert isinstance(scene_graph, SceneGraph)
     material = replace(acting().specimen.made(), effects=(Acting("drag", 1.0),))
     shapes = [Box(0.02, 0.02, 0.02)] * 2
     poses = [RigidTransform([0.0, 0.0, z]) for z in (0.0, 0.1)]

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 STEP = 1e-6  # [m]
-SUBSTEPS = 12
+SUBSTEPS = 24
 DENSITY, SIDE, CUBE = 1000.0, 0.03, 0.01
 PLASTIC = ("von-mises", "drucker-prager")
 MODES = {"uniaxial": (2.3, 0.6255, 0.6255), "biaxial": (1.5, 1.5, 0.4), "shear": (2.0, 1.0, 0.45)}
