@@ -7,14 +7,16 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, wraps
 from multiprocessing.pool import Pool
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import warp as wp
+from threadpoolctl import threadpool_limits
 
 T = TypeVar("T")
 R = TypeVar("R")
+P = ParamSpec("P")
 
 _work: list[tuple[Callable[[Any], Any], list[Any]]] = []  # of a copy
 
@@ -47,6 +49,21 @@ def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) 
         return
     with _pool(task, todo, each=1) as pool:
         yield from pool.imap_unordered(_done, range(len(todo)))
+
+
+def single(work: Callable[P, R]) -> Callable[P, R]:
+    """A function whose linear algebra runs in one thread.
+
+    Matrices here are small, so that a second thread costs more than it gives; and the last digits of
+    an answer do not depend on how many there are.
+    """
+
+    @wraps(work)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> R:
+        with threadpool_limits(1, user_api="blas"):
+            return work(*args, **kwargs)
+
+    return alone
 
 
 def forkable() -> bool:

@@ -4,9 +4,11 @@ import os
 import threading
 import time
 
+import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from form_drake.workers import Newest, mapped, unordered
+from form_drake.workers import Newest, mapped, single, unordered
 
 CORES = len(os.sched_getaffinity(0))
 
@@ -35,6 +37,22 @@ def test_copies_make_none_themselves():
 
     for own, inner in mapped(task, range(2)):
         assert inner == [own, own]
+
+
+def test_linear_algebra_keeps_to_one_thread_inside_and_to_what_it_had_outside():
+    def threads():
+        np.linalg.inv(np.eye(2))
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    @single
+    def task():
+        """What it does."""
+        return threads()
+
+    with threadpool_limits(2, user_api="blas"):
+        outside = threads()
+        assert task() == {1} and threads() == outside
+    assert task.__doc__ == "What it does."
 
 
 def test_the_first_in_order_that_fails_is_told():

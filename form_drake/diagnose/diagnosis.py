@@ -16,6 +16,7 @@ from form_drake.effects import Effect
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
+from form_drake.workers import single
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,7 @@ def _size(cause: Cause) -> str:
     return f"{size} ± {cause.told:.1g} {unit}"
 
 
+@single
 def diagnosed(
     recordings: Sequence[Recording],
     law: Law,

@@ -23,6 +23,7 @@ from form_drake.laws import LAWS, Law, law_named
 from form_drake.laws.values import LAME, checked_values, finite
 from form_drake.records import Recording, degraded, rest_shape, thinned
 from form_drake.records.stepped import NEGLIGIBLE
+from form_drake.workers import single
 
 Observe = Literal["full", "no-stress", "positions"]
 Method = Literal["step", "rollout", "weak"]
@@ -72,6 +73,7 @@ def declared_values(recording: Recording, law: Law) -> dict[str, float]:
     return found
 
 
+@single
 def identify(
     recording: Recording | Sequence[Recording],
     law: str | None = None,
@@ -171,6 +173,7 @@ def identify(
     return identify_step(first, chosen, observe=observe, known=given)
 
 
+@single
 def estimates(
     recordings: Sequence[Recording], estimators: Sequence[Estimator], options: WeakOptions
 ) -> dict[str, Identification | Unidentifiable]:
