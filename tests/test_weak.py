@@ -281,7 +281,7 @@ def test_noise_that_lasts_is_that_of_draws(exact):
     drawn = []
     for seed in range(40):
         change = probe.fit.draw(np.random.default_rng(seed))
-        moved = problem.disturbed(eta, [(change, {})], 0.01)
+        moved = problem.disturbed(eta, problem.changes([(change, {})]), 0.01)
         drawn.append(((moved[1] - b) - (moved[0] - A) @ theta) / 0.01)
     power = np.mean(np.square(drawn), axis=0)
     (lasting,), (own,) = problem.lasting_noise(eta, theta), problem.noise(eta, theta)
@@ -484,6 +484,7 @@ def _one_column(A, b, sigma):
         probes=(SimpleNamespace(drawn=lambda rng: sigma * rng.standard_normal(A.shape)),),
         rows=lambda _: (A, b),
         reduced=lambda A, b: (A, b),
+        changes=lambda drawn: drawn,
         disturbed=lambda _, drawn, part: (A + part * drawn[0], b),
     )
 

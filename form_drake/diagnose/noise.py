@@ -33,8 +33,8 @@ def shaken(
     """
     rng, still, found = np.random.default_rng(0), rest_of(twin.rows(eta, theta), theta), []
     for _ in range(PAIRS):
-        drawn = [probe.drawn(rng) for probe in data.probes]
-        one, other = (twin.disturbed(eta, drawn, sign) for sign in (1.0, -1.0))
+        changes = twin.changes([probe.drawn(rng) for probe in data.probes])
+        one, other = (twin.disturbed(eta, changes, sign) for sign in (1.0, -1.0))
         if one is not None and other is not None:
             found.append((rest_of(one, theta) - still, rest_of(other, theta) - still))
     return found

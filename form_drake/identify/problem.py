@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from form_drake.motion import Motion
+from form_drake.motion.motion import Displacement
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Solution, Weights, bounded
 from form_drake.weak.stress import strain_over_radius
@@ -17,6 +18,7 @@ from form_drake.weak.unknowns import Unknowns
 Level = Literal["borne", "row", "probe"]
 Rows = tuple[np.ndarray, np.ndarray]  # A, b
 Drawn = tuple[np.ndarray, dict[str, np.ndarray]]  # noise of coefficients [m] and of forces [N]
+Change = tuple[Displacement, dict[str, np.ndarray]]  # what that does to a motion, and to forces
 
 SHAPE_SPAN = 300.0  # either way from the first guess of a shape constant
 YIELD_SPAN = 300.0  # below the largest elastic strain that the motion could hold
@@ -122,11 +124,16 @@ class Problem:
             systems.append(WeakSystem(own[0], own[1], scale, own[2], probe.labels))
         return stacked(systems)
 
-    def disturbed(self, eta: np.ndarray, drawn: Sequence[Drawn], share: float) -> Rows | None:
-        """A and b with a share of ``drawn`` added to tracks and forces; None: it folds a body."""
+    def changes(self, drawn: Sequence[Drawn]) -> list[Change]:
+        """What noise that is drawn for every probe does where this problem looks."""
+        pairs = zip(self.probes, drawn, strict=True)
+        return [(probe.sampling.displaced(noise), push) for probe, (noise, push) in pairs]
+
+    def disturbed(self, eta: np.ndarray, changes: Sequence[Change], share: float) -> Rows | None:
+        """A and b with a share of changes of tracks and forces; None: it folds a body."""
         moved = []
-        for probe, (change, push) in zip(self.probes, drawn, strict=True):
-            motion = probe.sampling.motion(probe.fit.c + share * change)
+        for probe, (change, push) in zip(self.probes, changes, strict=True):
+            motion = probe.disturbed(change, share)
             if motion.J.min() <= 0.0:
                 return None
             moved.append((motion, {k: share * p for k, p in push.items()}))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import eigh
 
-from form_drake.identify.problem import Drawn, Problem, Rows
+from form_drake.identify.problem import Change, Problem, Rows
 from form_drake.identify.solve import Unidentifiable
 from form_drake.laws.values import LAME
 from form_drake.weak.solve import LEAST_ERROR, Solution, Weights, solved
@@ -108,7 +108,7 @@ def noise_bias(
 
     columns, still = solution(problem.rows(eta))
 
-    def pair(drawn: Sequence[Drawn], part: float) -> tuple[np.ndarray, np.ndarray, float]:
+    def pair(drawn: Sequence[Change], part: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Odd part of the columns and even part of the answer, by size and its square."""
         both = [problem.disturbed(eta, drawn, sign * part) for sign in (1.0, -1.0)]
         found = [solution(rows) for rows in both if rows is not None]
@@ -118,14 +118,14 @@ def noise_bias(
         return 0.5 * (A - B) / part, (0.5 * (up.theta + down.theta) - still.theta) / part**2, part
 
     left = by.white(still.residual)
-    pairs: list[tuple[Sequence[Drawn], np.ndarray, float]] = []
+    pairs: list[tuple[Sequence[Change], np.ndarray, float]] = []
     met: list[np.ndarray] = []
     noise = np.zeros((count, count))
     least = SCATTER * np.diag(still.covariance)
     while len(met) < draws or (
         len(met) < MORE * draws and np.any(np.mean(np.square(met), axis=0) > least)
     ):
-        drawn = [p.drawn(rng) for p in problem.probes]
+        drawn = problem.changes([p.drawn(rng) for p in problem.probes])
         change, shift, part = pair(drawn, 1.0)
         noise += change.T @ change
         pairs.append((drawn, shift, part))

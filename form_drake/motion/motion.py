@@ -91,6 +91,38 @@ def inverse(F: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Displacement:
+    """What is linear in the coefficients of a fit, at the times and points of a sampling.
+
+    Attributes:
+        value: [m], shape [times, points, 3].
+        velocity: [m/s], of the same shape.
+        gradient: du_i / dX_a, shape [times, points, 3, 3].
+        rate: of the gradient [1/s], of the same shape.
+        second: d^2 u_i / dX_a dX_b [1/m], shape [times, points, 3, 3, 3], or None.
+    """
+
+    value: np.ndarray
+    velocity: np.ndarray
+    gradient: np.ndarray
+    rate: np.ndarray
+    second: np.ndarray | None
+
+    def plus(self, share: float, other: "Displacement") -> "Displacement":
+        """With a share of another one added."""
+        second = self.second
+        if second is not None and other.second is not None:
+            second = second + share * other.second
+        return Displacement(
+            value=self.value + share * other.value,
+            velocity=self.velocity + share * other.velocity,
+            gradient=self.gradient + share * other.gradient,
+            rate=self.rate + share * other.rate,
+            second=second,
+        )
+
+
+@dataclass(frozen=True)
 class Sampling:
     """Where a fit is evaluated: its bases at quadrature points and times.
 
@@ -133,20 +165,34 @@ class Sampling:
 
     def motion(self, c: np.ndarray) -> Motion:
         """The motion with coefficients ``c`` [m], shape [space, 3, series]."""
+        return self.moved(self.displaced(c))
+
+    def displaced(self, c: np.ndarray) -> Displacement:
+        """The displacement with coefficients ``c`` [m], shape [space, 3, series]."""
         u, G, *second = (self._along(c, *table) for table in self._tables)
-        F = np.eye(3) + G(self.series)
+        return Displacement(
+            value=u(self.series),
+            velocity=u(self.rate),
+            gradient=G(self.series),
+            rate=G(self.rate),
+            second=second[0](self.series) if second else None,
+        )
+
+    def moved(self, by: Displacement) -> Motion:
+        """The motion with a displacement."""
+        F = np.eye(3) + by.gradient
         return Motion(
             time=self.time,
             X=self.X,
-            x=self.X + u(self.series),
-            v=u(self.rate),
+            x=self.X + by.value,
+            v=by.velocity,
             F=F,
-            L=G(self.rate) @ inverse(F),
+            L=by.rate @ inverse(F),
             volume=self.volume,
             mass=self.density * self.volume,
             pressure=self.pressure,
             body_force=self.body_force,
-            second=second[0](self.series) if second else None,
+            second=by.second,
         )
 
     @cached_property

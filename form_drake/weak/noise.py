@@ -8,7 +8,7 @@ import numpy as np
 from form_drake.motion import Fit, Motion, Sampling
 from form_drake.motion.smoothing import Spread
 from form_drake.weak.contact import STIFFNESS, HeldFields
-from form_drake.weak.fields import Fields
+from form_drake.weak.fields import Fields, Sampled
 from form_drake.weak.integrals import forces, runs
 from form_drake.weak.tangent import Tangent
 
@@ -122,7 +122,7 @@ def slopes(
         sampled = fields.at(run)
         now = _by_gradient(sampled.gradient, by_F[own], bases)
         if not fields.material:
-            now += _by_value(_along_x(fields, run, still[own], weight[own]), bases)
+            now += _by_value(_along_x(fields, run, sampled, still[own], weight[own]), bases)
         if momentum is None or not fields.fixed:
             momentum = _by_value(-motion.mass[:, None] * sampled.value, bases)
         momentum = momentum[: len(now)]
@@ -174,15 +174,15 @@ def _by_value(slope: np.ndarray, bases: Bases) -> np.ndarray:
     return np.concatenate(found, axis=1).reshape(times, count, -1)
 
 
-def _along_x(fields: Fields, motion: Motion, tau: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _along_x(
+    fields: Fields, motion: Motion, here: Sampled, tau: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
     """d (V tau : grad psi - m g . psi) / d x, shape [times, fields, points, 3]."""
-    h = 1e-6 * float(np.ptp(motion.X, axis=0).max())
+    h = 1e-7 * float(np.ptp(motion.X, axis=0).max())
     slope = []
-    for a in range(3):
-        step = np.zeros(3)
-        step[a] = h
-        up, down = (fields.at(replace(motion, x=motion.x + s * step)) for s in (1.0, -1.0))
-        work = np.einsum("tfqij,tqij->tfq", up.gradient - down.gradient, tau, optimize=True)
-        work -= np.einsum("tfqi,tqi->tfq", up.value - down.value, weight, optimize=True)
-        slope.append(work / (2.0 * h))
+    for step in h * np.eye(3):
+        there = fields.at(replace(motion, x=motion.x + step))
+        work = np.einsum("tfqij,tqij->tfq", there.gradient - here.gradient, tau, optimize=True)
+        work -= np.einsum("tfqi,tqi->tfq", there.value - here.value, weight, optimize=True)
+        slope.append(work / h)
     return np.stack(slope, axis=-1)

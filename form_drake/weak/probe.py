@@ -9,7 +9,7 @@ from scipy.interpolate import interp1d
 
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, Fit, Motion, Sampling
-from form_drake.motion.motion import inverse
+from form_drake.motion.motion import Displacement, inverse
 from form_drake.motion.smoothing import Spread
 from form_drake.weak.balance import Along, balance
 from form_drake.weak.covariance import Past, track_noise
@@ -64,7 +64,15 @@ class Probe:
     @cached_property
     def motion(self) -> Motion:
         """The motion of the fit."""
-        return self.sampling.motion(self.fit.c)
+        return self.sampling.moved(self._displacement)
+
+    @cached_property
+    def _displacement(self) -> Displacement:
+        return self.sampling.displaced(self.fit.c)
+
+    def disturbed(self, change: Displacement, share: float) -> Motion:
+        """The motion with a share of an error of its displacement."""
+        return self.sampling.moved(self._displacement.plus(share, change))
 
     @property
     def coarser(self) -> "Probe":
@@ -314,6 +322,6 @@ class Probe:
         return total
 
     def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Noise of the coefficients [m] and of the forces [N]."""
+        """Noise of the coefficients of the fit [m] and of the forces [N]."""
         push = {k: f.noise * rng.standard_normal(f.value.shape) for k, f in self.forces.items()}
         return self.fit.draw(rng), push
