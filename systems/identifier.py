@@ -4,14 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context
 
 from form_drake.identify import Identification, Unidentifiable, identify
+from form_drake.records import Recording
+from form_drake.systems.behind import Behind, steps_between
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The newest answer; never written again.
+    """What a recording says so far.
 
     Attributes:
         time: of the recording that it is made from [s].
@@ -19,60 +21,53 @@ class Answer:
         reason: why there is none.
     """
 
-    time: float = 0.0
-    identification: Identification | None = None
-    reason: str = "nothing was recorded yet"
-
-    def __deepcopy__(self, memo: object) -> "Answer":
-        return self
+    time: float
+    identification: Identification | None
+    reason: str = ""
 
 
-class Identifier(LeafSystem):
+class Identifier(Behind):
     """Identifies the material again and again from all that was recorded so far.
 
     Every answer is that of ``identify`` on the recording of its time: the last one is the batch
     answer.
 
-    Ports: in ``recording`` (``Recording`` or None); out ``material`` (``Answer``).
+    Ports: in ``recording`` (``Recording`` or None); out ``material`` (``Result`` of an ``Answer``).
 
     Args:
         every: time between answers [s].
+        period: step of the simulation [s].
+        wait: whether simulated time waits for the work, see ``Behind``.
         force: source of the force.
-        told: called with every answer.
+        told: called with every answer, from a thread where nothing waits.
     """
 
     def __init__(
         self,
         *,
-        every: float = 0.25,
+        every: float = 0.5,
+        period: float = 0.001,
+        wait: bool = True,
         force: str = "sensor",
         told: Callable[[Answer], None] = lambda _: None,
     ):
-        super().__init__()
+        steps = steps_between(1.0 / every, period)
+        super().__init__("material", period=period, every=steps, begin=steps, wait=wait)
         self._force, self._told = force, told
         self.DeclareAbstractInputPort("recording", Value[object](None))
-        self._answer = self.DeclareAbstractState(Value[object](Answer()))
-        self.DeclareAbstractOutputPort(
-            "material",
-            lambda: Value[object](None),
-            lambda context, out: out.set_value(self.answer(context)),
-            {self.abstract_state_ticket(self._answer)},
-        )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(every, every, self._update)
 
-    def answer(self, context: Context) -> Answer:
-        """The newest answer."""
-        return context.get_abstract_state(int(self._answer)).get_value()
-
-    def _update(self, context: Context, state: State) -> EventStatus:
+    def newest(self, context: Context, after: float) -> tuple[float, Recording] | None:
+        """As of the base."""
         recording = self.get_input_port().Eval(context)
-        if recording is None:
-            return EventStatus.DidNothing()
-        time = float(recording.time[-1])
+        if recording is None or recording.time[-1] <= after:
+            return None
+        return float(recording.time[-1]), recording
+
+    def worked(self, memory: None, time: float, given: Recording) -> tuple[None, Answer]:
+        """As of the base."""
         try:
-            new = Answer(time, identify(recording, method="weak", force=self._force), "")
+            answer = Answer(time, identify(given, method="weak", force=self._force))
         except (Unidentifiable, ValueError) as refusal:
-            new = Answer(time, None, str(refusal))
-        state.get_mutable_abstract_state(int(self._answer)).set_value(new)
-        self._told(new)
-        return EventStatus.Succeeded()
+            answer = Answer(time, None, str(refusal))
+        self._told(answer)
+        return None, answer

@@ -88,6 +88,7 @@ def prepare(
     *,
     seen: bool = False,
     answers: float | None = None,
+    wait: bool = True,
     told: Callable[[Answer], None] = lambda _: None,
 ) -> Run:
     """Plan the probe and connect arm, station and recorder.
@@ -98,6 +99,7 @@ def prepare(
         view: what it shows of the material.
         seen: whether two cameras follow points of a face, instead of particles that are known.
         answers: time [s] between identifications while the probe moves; None: none.
+        wait: whether the probe waits for them.
         told: called with every answer.
     """
     builder = DiagramBuilder()
@@ -113,7 +115,8 @@ def prepare(
         builder, scenario, station, _seen(builder, scenario, station, motion, meshcat, seen)
     )
     if answers is not None:
-        identifier = builder.AddNamedSystem("identifier", Identifier(every=answers, told=told))
+        identifier = Identifier(every=answers, period=scenario.solver.period, wait=wait, told=told)
+        builder.AddNamedSystem("identifier", identifier)
         builder.Connect(recorder.GetOutputPort("recording"), identifier.get_input_port())
     return Run(scenario, station, recorder, builder.Build(), motion.end_time())
 

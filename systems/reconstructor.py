@@ -28,9 +28,8 @@ class Reconstruction:
 class Reconstructor(Behind):
     """Finds how the inside of a body moves from what is seen of it so far.
 
-    Ports: in ``recording`` (``Recording`` or None) and ``material`` (an identifier's ``Answer``; may stay
-    unconnected: Hencky's elasticity stands in until one is found); out ``inside`` (``Result`` of a
-    ``Reconstruction``).
+    Ports: in ``recording`` (``Recording`` or None) and ``material`` (of an identifier; may stay unconnected:
+    Hencky's elasticity stands in until one is found); out ``inside`` (``Result`` of a ``Reconstruction``).
 
     Args:
         every: time between reconstructions [s].
@@ -61,8 +60,8 @@ class Reconstructor(Behind):
         if recording is None or recording.time[-1] <= after:
             return None
         port = self.GetInputPort("material")
-        answer: Answer = port.Eval(context) if port.HasValue(context) else Answer()
-        found = answer.identification
+        answer: Answer | None = port.Eval(context).value if port.HasValue(context) else None
+        found = answer.identification if answer else None
         return float(recording.time[-1]), (recording, found.material if found else None)
 
     def worked(

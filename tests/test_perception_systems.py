@@ -37,8 +37,10 @@ from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.seen import tracked
 from form_drake.perceive.speckle import speckle
 from form_drake.records import Recording
+from form_drake.systems import identifier as identifier_module
 from form_drake.systems import tracker as tracker_module
 from form_drake.systems.cameras import PictureFiles, SpeckleCameras
+from form_drake.systems.identifier import Identifier
 from form_drake.systems.pictures import Photographer, rig_of, write_pictures
 from form_drake.systems.reconstructor import Reconstructor
 from form_drake.systems.scenario import load_scenario
@@ -353,3 +355,36 @@ def test_the_inside_of_a_diagram_is_that_of_the_recording(scenario):
     sampling = Sampling.of(fit, np.array([1.0]), found.X, np.ones(len(found.X)), 1.0)
     drawn = [sampling.motion(fit.draw(rng)).x[0] - found.X for _ in range(400)]
     assert np.std(drawn, axis=0) == pytest.approx(found.deviation, rel=0.25)
+
+
+def test_an_answer_behind_the_diagram_reaches_who_looks_inside(monkeypatch):
+    """The diagram goes on while a law is identified; then the inside is that of the law."""
+    gate, told = threading.Event(), []
+
+    def slow(recording, *, method, force):
+        assert gate.wait(60.0) and (method, force) == ("weak", "sensor")
+        return SimpleNamespace(material="found")
+
+    monkeypatch.setattr(identifier_module, "identify", slow)
+    recording = SimpleNamespace(time=np.array([0.0, 0.7]))
+    builder = DiagramBuilder()
+    given = builder.AddSystem(Given(recording))
+    identifier = builder.AddSystem(Identifier(every=0.1, wait=False, told=told.append))
+    inner = builder.AddSystem(Reconstructor(every=10.0))
+    for system in (identifier, inner):
+        builder.Connect(given.get_output_port(), system.GetInputPort("recording"))
+    builder.Connect(identifier.get_output_port(), inner.GetInputPort("material"))
+    simulator = Simulator(builder.Build())
+
+    def materials():
+        own = inner.GetMyContextFromRoot(simulator.get_context())
+        return inner.newest(own, -np.inf)[1][1]
+
+    simulator.AdvanceTo(0.35)
+    assert materials() is None and not told
+    gate.set()
+    while materials() is None:
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.1)
+        time.sleep(0.01)
+        assert simulator.get_context().get_time() < 300.0
+    assert materials() == "found" and [answer.time for answer in told] == [0.7]

@@ -286,7 +286,8 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
             run.recorder.GetMyContextFromRoot(simulator.get_context())
         )
         simulator.AdvanceTo(time + 0.005)
-        found.append(identifier.answer(identifier.GetMyContextFromRoot(simulator.get_context())))
+        own = identifier.GetMyContextFromRoot(simulator.get_context())
+        found.append(identifier.get_output_port().Eval(own).value)
     last, batch = found[-1].identification, identify(recording, method="weak")
     assert found[-1].time == recording.time[-1]
     assert last.material.values == pytest.approx(batch.material.values, rel=1e-12)
