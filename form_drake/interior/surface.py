@@ -13,13 +13,6 @@ from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
 
-LOOKS = 12  # frames that stand for all, where not each is needed
-SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
-FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
-SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
-UNSETTLED = 0.1  # share of the frames that may not settle
-SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
-
 
 @dataclass(frozen=True)
 class Seen:

@@ -11,8 +11,6 @@ from typing import Any
 
 import warp as wp
 
-DECOMPOSITIONS = ("series", "svd3")
-
 
 @wp.func
 def deviator(a: Any):
