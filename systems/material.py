@@ -72,6 +72,7 @@ class MaterialSystem(LeafSystem):
         )
         self._snapshot = self.DeclareAbstractState(Value[object](scene.start()))
         ticket = {self.abstract_state_ticket(self._snapshot)}
+        posed = ticket | {self.input_port_ticket(self._poses.get_index())}
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
             Value[list[ExternallyAppliedSpatialForce]],
@@ -89,7 +90,7 @@ class MaterialSystem(LeafSystem):
                 f"{name}.wrench",
                 6,
                 lambda context, out, name=name: out.SetFromVector(self._wrench(context, name)),
-                ticket,
+                posed,
             )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._check)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
@@ -105,10 +106,10 @@ class MaterialSystem(LeafSystem):
         arms = [poses[t.body].rotation() @ t.X_BG.translation() for t in self.touching]
         V = [velocities[t.body].Shift(r) for t, r in zip(self.touching, arms, strict=True)]
         return Motions(
-            np.array([x.translation() for x in X]),
-            np.array([x.rotation().matrix() for x in X]),
-            np.array([v.translational() for v in V]),
-            np.array([v.rotational() for v in V]),
+            np.array([x.translation() for x in X]).reshape(-1, 3),
+            np.array([x.rotation().matrix() for x in X]).reshape(-1, 3, 3),
+            np.array([v.translational() for v in V]).reshape(-1, 3),
+            np.array([v.rotational() for v in V]).reshape(-1, 3),
         )
 
     def _check(self, context: Context, state: State) -> EventStatus:

@@ -47,11 +47,12 @@ def touching(
     found = []
     for body in bodies:
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            stated = contact.get(body.name(), friction(inspector, geometry))
+            name = body_name(plant, body)
+            stated = contact.get(name, friction(inspector, geometry))
             shape = solid(inspector.GetShape(geometry), spacing)
             tool = Tool(inspector.GetName(geometry), shape, stated)
             X_BG = inspector.GetPoseInFrame(geometry)
-            found.append(Touching(body.index(), body.name(), X_BG, tool))
+            found.append(Touching(body.index(), name, X_BG, tool))
     unknown = set(contact) - {t.name for t in found}
     if unknown:
         raise ValueError(
@@ -59,6 +60,12 @@ def touching(
             f" that have are {', '.join(sorted({t.name for t in found})) or 'none'}"
         )
     return found
+
+
+def body_name(plant: MultibodyPlant, body: RigidBody) -> str:
+    """Of a body: with its model's, where bodies of several models share it."""
+    alone = plant.NumBodiesWithName(body.name()) == 1
+    return body.name() if alone else body.scoped_name().get_full()
 
 
 def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
@@ -69,7 +76,7 @@ def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> b
     X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
     middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
     reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
-    return float(touching.tool.solid.distance(middle[None])[0]) < reach
+    return touching.tool.solid.within(middle, reach)
 
 
 def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -> Body:
@@ -210,13 +217,14 @@ def AddMaterial(
         X_WM: where it is.
         dx: grid spacing [m]; by default a sixth of the shortest edge.
         bodies: of the plant that touch it; by default all that have collision geometry.
-        contact: by name of a body: a Coulomb coefficient, ``stick``, or ``bonded`` for what lies
-            inside its geometry; by default the dynamic friction of the geometry.
+        contact: by name of a body, as MODEL::BODY where several have it: a Coulomb coefficient,
+            ``stick``, or ``bonded`` for what lies inside its geometry; by default the dynamic friction
+            of the geometry.
         region: lower and upper corner of where it may go [m], shape [2, 3].
         grid: over the ``rest`` shape, for one solid that stays in one piece; or in ``space``, for all that
             flows, and bodies that meet.
         per_cell: particles in a cell of the grid along each axis of a shape.
-        period: of the exchange with the plant [s].
+        period: of the exchange with the plant [s], one or several of its steps.
         settle: see ``MaterialSystem``.
         mass_scale: see ``Scene``.
         effects: of which materials may name some, by id.
@@ -224,8 +232,9 @@ def AddMaterial(
         device: Warp device.
 
     Raises:
-        ValueError: the plant is not finalized or samples its ports, another system already feeds
-            its applied_spatial_force port, or a stated shape, contact or region does not fit.
+        ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
+            period, another system already feeds its applied_spatial_force port, or a stated shape,
+            contact or region does not fit.
     """
     if not plant.is_finalized():
         raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
@@ -233,6 +242,12 @@ def AddMaterial(
         raise ValueError(
             "the plant samples its output ports, so that wrenches would come a step late: call"
             " plant.SetUseSampledOutputPorts(False) before Finalize()"
+        )
+    steps = period / plant.time_step() if plant.time_step() else 1.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ValueError(
+            f"period {period:g} s: one or several steps of the plant are wanted, which are"
+            f" {plant.time_step():g} s: forces of the material would act longer than they were"
         )
     force = plant.get_applied_spatial_force_input_port()
     if builder.IsConnectedOrExported(force):

@@ -14,7 +14,7 @@ from pydrake.multibody.parsing import (
     ProcessModelDirectives,
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import Frame
+from pydrake.multibody.tree import BodyIndex, Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer
 
@@ -27,7 +27,7 @@ from form_drake.systems.force import Sensor, ToolForce
 from form_drake.systems.material import MaterialSystem
 from form_drake.systems.panda import add_panda, apply_panda
 from form_drake.systems.scenario import Scenario
-from form_drake.systems.soft import AddMaterial, Contact
+from form_drake.systems.soft import AddMaterial, Contact, body_name
 from form_drake.systems.viewer import View, add_viewer
 
 ARM = "panda"
@@ -209,10 +209,12 @@ def specimen_corners(scenario: Scenario) -> np.ndarray:
 
 
 def _named_bodies(plant: MultibodyPlant, contact: dict[str, str]) -> list:
-    lost = [name for name in contact if not plant.HasBodyNamed(name)]
+    every = [plant.get_body(BodyIndex(n)) for n in range(plant.num_bodies())]
+    named = {body_name(plant, body): body for body in every}
+    lost = [name for name in contact if name not in named]
     if lost:
         raise ValueError(f"specimen.contact: the cell has no body {', '.join(lost)}")
-    return [plant.GetBodyByName(name) for name in contact]
+    return [named[name] for name in contact]
 
 
 def _contact(word: str) -> Contact:

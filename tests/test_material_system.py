@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
+import trimesh
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Mesh, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
@@ -28,17 +29,25 @@ MASS = 0.05
 SOFT = Material(LAWS["fixed-corotated"], {"mu": 30e3, "lam": 45e3}, density=1000.0)
 
 
-def on_the_floor(*, drop=0.0, sampled=False, finalize=True, **options):
+def on_the_floor(
+    *, drop=0.0, sampled=False, finalize=True, floor=None, twin=False, step=STEP, arm=0.0, **options
+):
     """A soft cube on a floor under a falling ball, in a plant of its own."""
     builder = DiagramBuilder()
-    config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=sampled)
+    config = MultibodyPlantConfig(time_step=step, use_sampled_output_ports=sampled)
     plant, scene_graph = AddMultibodyPlant(config, builder)
     rough = CoulombFriction(0.4, 0.4)
-    floor = Box(1.0, 1.0, 0.1)
+    floor = floor or Box(1.0, 1.0, 0.1)
     below = RigidTransform([0, 0, -0.05])
     plant.RegisterCollisionGeometry(plant.world_body(), below, floor, "floor", rough)
     ball = plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(MASS, 0.01))
-    plant.RegisterCollisionGeometry(ball, RigidTransform(), Sphere(0.01), "ball", rough)
+    X_BG = RigidTransform([0.0, 0.0, arm])
+    plant.RegisterCollisionGeometry(ball, X_BG, Sphere(0.01), "ball", rough)
+    if twin:
+        other = plant.AddModelInstance("other")
+        second = plant.AddRigidBody("ball", other, SpatialInertia.SolidSphereWithMass(MASS, 0.01))
+        plant.RegisterCollisionGeometry(second, RigidTransform(), Sphere(0.01), "ball", rough)
+        plant.SetDefaultFreeBodyPose(second, RigidTransform([0.2, 0.0, 0.2]))
     if finalize:
         plant.Finalize()
     options = {"dx": 5e-3, "precision": "float64"} | options
@@ -125,6 +134,48 @@ def test_wrench_is_about_the_body_not_the_geometry():
     assert wrench == pytest.approx([*expected, *snapshot.force[n]], abs=1e-12)
 
 
+def test_the_moment_of_a_wrench_follows_its_body():
+    """A port that was read before the plant was moved is read anew: the floor's arm is not the ball's."""
+    simulator, plant, system = on_the_floor(arm=0.004)
+    simulator.AdvanceTo(0.06)
+    context = simulator.get_mutable_context()
+    port, own = system.GetOutputPort("ball.wrench"), system.GetMyContextFromRoot(context)
+    before = port.Eval(own)
+    ball, state = plant.GetBodyByName("ball"), plant.GetMyMutableContextFromRoot(context)
+    turn = RotationMatrix.MakeYRotation(0.5 * np.pi)
+    X_WB = plant.GetFreeBodyPose(state, ball)
+    plant.SetFreeBodyPose(state, ball, RigidTransform(turn, X_WB.translation()))
+    (n,) = (i for i, t in enumerate(system.touching) if t.name == "ball")
+    snapshot = system.snapshot(own)
+    expected = snapshot.moment[n] + np.cross(turn @ [0.0, 0.0, 0.004], snapshot.force[n])
+    assert port.Eval(own)[:3] == pytest.approx(expected, abs=1e-12)
+    assert np.abs(port.Eval(own)[:3] - before[:3]).max() > 1e-4
+
+
+def test_bodies_of_one_name_have_wrenches_of_their_own():
+    """They are told apart by their models, in contacts too."""
+    _, _, system = on_the_floor(twin=True, contact={"other::ball": 0.1})
+    own = "DefaultModelInstance::ball"
+    assert {t.name for t in system.touching} == {"world", own, "other::ball"}
+    assert {t.name: t.tool.contact for t in system.touching} == {
+        "world": 0.4,
+        own: 0.4,
+        "other::ball": 0.1,
+    }
+    assert all(system.HasOutputPort(f"{t.name}.wrench") for t in system.touching)
+
+
+def test_a_mesh_that_stands_below_is_touched(tmp_path):
+    """Its middle is further from the cube than its baked distance reaches."""
+    path = tmp_path / "slab.obj"
+    trimesh.creation.box((0.2, 0.2, 0.1)).export(path)
+    simulator, _, system = on_the_floor(floor=Mesh(str(path)), dx=EDGE / 6.0)
+    assert {t.name for t in system.touching} == {"world", "ball"}
+    simulator.AdvanceTo(0.03)
+    own = system.GetMyContextFromRoot(simulator.get_context())
+    assert system.snapshot(own).p_WQ[:, 2].min() > -1e-4
+
+
 @pytest.mark.parametrize(
     "shape",
     [Capsule(0.01, 0.02), Ellipsoid(0.01, 0.02, 0.015), Cylinder(0.01, 0.03)],
@@ -161,6 +212,8 @@ def test_convex_hull_of_a_file(tmp_path):
         ({"region": np.array([[-0.01] * 3, [0.01] * 3])}, "enlarge the region"),
         ({"grid": "time"}, "'time': choose from rest, space"),
         ({"per_cell": (2, 0, 2)}, "three whole numbers"),
+        ({"step": 2.5e-3}, "period 0.001 s: one or several steps of the plant"),
+        ({"step": 7e-4}, "which are 0.0007 s"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, said):

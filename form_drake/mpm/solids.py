@@ -114,6 +114,15 @@ class Solid:
         made.table = wp.array(self.table.ravel(), dtype=t.real, device=device)
         return made
 
+    def within(self, p_GQ: np.ndarray, radius: float) -> bool:
+        """Whether a ball about a point [m] may meet the solid, a mesh by the box that holds it."""
+        if self.kind != "mesh":
+            return float(self.distance(p_GQ[None])[0]) < radius
+        inner = BAND * self.spacing
+        last = self.corner + self.spacing * (np.array(self.table.shape) - 1)
+        nearest = np.clip(p_GQ, self.corner + inner, last - inner)
+        return float(np.linalg.norm(p_GQ - nearest)) < radius
+
     def distance(self, p_GQ: np.ndarray, device: str = "cpu") -> np.ndarray:
         """Signed distances [m] of points [m] in G, shape [points]; negative inside."""
         t = types("float64")
