@@ -93,12 +93,12 @@ def whole_folder(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         (temporary / MARK).write_text(f"{version('form-drake')}\n", encoding="utf-8")
-        if path.exists():
-            path.rename(old)
         try:
+            if path.exists():
+                path.rename(old)
             temporary.rename(path)
-        except OSError:
-            if old.exists():
+        except BaseException:  # an interrupt between the two as well
+            if old.exists() and not path.exists():
                 old.rename(path)
             raise
     finally:

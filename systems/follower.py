@@ -1,7 +1,7 @@
 """Follows a planned motion in time, up to a force if one is given."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, Progress, advanced
@@ -24,7 +24,8 @@ class PathFollower(LeafSystem):
         state = {self.discrete_state_ticket(self._state)}
         self.DeclareVectorOutputPort("position", motion.rows(), self._calc_position, state)
         self.DeclareVectorOutputPort("time_along", 1, self._calc_time, state)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
+        # before what else changes at that time: a force that has been felt stops the tool
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
 
     def _progress(self, context: Context) -> Progress:
         along, rate, stopped, rest = context.get_discrete_state(self._state).value()
@@ -36,7 +37,7 @@ class PathFollower(LeafSystem):
     def _calc_time(self, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, self._progress(context).along)
 
-    def _advance(self, context: Context, state) -> None:
+    def _advance(self, context: Context, state: State) -> EventStatus:
         force = 0.0
         if self._follow.until_force is not None:
             if not self._force.HasValue(context):
@@ -50,6 +51,6 @@ class PathFollower(LeafSystem):
             end=self._motion.end_time(),
             force=force,
         )
-        state.get_mutable_vector(self._state).SetFromVector(
-            [found.along, found.rate, float(found.stopped), found.rest]
-        )
+        memory = state.get_mutable_discrete_state().get_mutable_vector(self._state)
+        memory.SetFromVector([found.along, found.rate, float(found.stopped), found.rest])
+        return EventStatus.Succeeded()

@@ -5,10 +5,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from form_drake.control import tool_wrench
 from form_drake.systems.arm import JOINTS, arm_joints
+
+
+def draws(seed: int, signal: str, number: int) -> np.random.Generator:
+    """What the noise of one sample of a signal is drawn from: the same whenever it is asked for."""
+    return np.random.default_rng((seed, *signal.encode(), number))
 
 
 @dataclass
@@ -40,12 +45,17 @@ class SensorErrors:
 class Sensor(LeafSystem):
     """A signal as a sensor reports it: biased, noisy, low-passed, held between samples not at all.
 
-    Noise is a function of seed and sample number, the filter's memory is in the Context: a cloned
-    or rewound Context repeats every sample. At sample times the output has no delay but the
+    Noise is a function of seed, signal and sample number, the filter's memory is in the Context: a
+    cloned or rewound Context repeats every sample. At sample times the output has no delay but the
     filter's.
+
+    Args:
+        size: of the signal.
+        errors: of the sensor.
+        signal: what it is, so that sensors of one seed are independent.
     """
 
-    def __init__(self, size: int, errors: SensorErrors) -> None:
+    def __init__(self, size: int, errors: SensorErrors, signal: str = "force") -> None:
         super().__init__()
         for name in ("bias", "noise"):
             if len(getattr(errors, name)) not in (1, size):
@@ -53,18 +63,19 @@ class Sensor(LeafSystem):
                     f"{name} of the sensor has {len(getattr(errors, name))} values: give 1 or"
                     f" {size}"
                 )
-        self._errors, self._size = errors, size
+        self._errors, self._size, self._signal = errors, size, signal
         cutoff = 2.0 * np.pi * errors.bandwidth * errors.period
         self._share = -np.expm1(-cutoff) if errors.bandwidth else 1.0
         self.DeclareVectorInputPort("ideal", size)
         self.DeclareVectorOutputPort("measured", size, self._calc)
         self._memory = self.DeclareDiscreteState(np.zeros(size))
-        self.DeclarePeriodicDiscreteUpdateEvent(errors.period, 0.0, self._remember)
+        # before what else changes at that time, as a recorder reads it
+        self.DeclarePeriodicUnrestrictedUpdateEvent(errors.period, 0.0, self._remember)
 
     def _measured(self, context: Context) -> np.ndarray:
         errors = self._errors
         sample = round(context.get_time() / errors.period)
-        drawn = np.random.default_rng((errors.seed, sample)).standard_normal(self._size)
+        drawn = draws(errors.seed, self._signal, sample).standard_normal(self._size)
         raw = self.get_input_port().Eval(context) + errors.bias + errors.noise * drawn
         last = context.get_discrete_state(self._memory).value()
         return last + self._share * (raw - last)
@@ -72,8 +83,10 @@ class Sensor(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._measured(context))
 
-    def _remember(self, context: Context, state) -> None:
-        state.get_mutable_vector(self._memory).SetFromVector(self._measured(context))
+    def _remember(self, context: Context, state: State) -> EventStatus:
+        memory = state.get_mutable_discrete_state().get_mutable_vector(self._memory)
+        memory.SetFromVector(self._measured(context))
+        return EventStatus.Succeeded()
 
 
 class ToolForce(LeafSystem):

@@ -78,13 +78,21 @@ def change(content: dict[str, Any], told: str) -> None:
         value: Any = float(text)
         value = int(text) if value.is_integer() and text.strip().lstrip("+-").isdigit() else value
     except ValueError:
-        value = yaml.safe_load(text)
+        value = _parsed(told, text)
     here = content
     for key in path:
         here = here.setdefault(key, {})
         if not isinstance(here, dict):
             raise ValueError(f"--set {told}: {key} holds no entries")
     here[last] = value
+
+
+def _parsed(told: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        said = " ".join(str(error).split())
+        raise ValueError(f"--set {told}: what follows = is no YAML: {said}") from None
 
 
 def check(schema: Any, content: Any, where: str) -> None:

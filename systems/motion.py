@@ -18,6 +18,8 @@ from form_drake.systems.kinematics import allowed, inverse_kinematics, newton, o
 
 SLACK = 1.02
 """Share of a limit at which a motion is refused; planners stay below the limit itself."""
+LOOK, FEWEST = 0.005, 400
+"""Time between looks at the limits [s], and the fewest looks."""
 
 Path = Callable[[float], RigidTransform]
 
@@ -120,22 +122,20 @@ def timed_path(
     return found
 
 
-def check_limits(
-    arm: Arm, motion: Trajectory, *, fraction: float = 1.0, samples: int = 400
-) -> None:
-    """Refuses a motion that exceeds a joint limit.
+def check_limits(arm: Arm, motion: Trajectory, *, fraction: float = 1.0) -> None:
+    """Refuses a motion that exceeds a joint limit, looked at every ``LOOK`` seconds at least.
 
     Args:
         arm: the arm.
         motion: joint angles [rad], 7 rows.
         fraction: of the velocity, acceleration and torque limits that may be used.
-        samples: times at which the motion is looked at.
 
     Raises:
         ValueError: naming the joint, the limit and the time.
     """
     limits = arm.limits.scaled(fraction)
-    times = np.linspace(motion.start_time(), motion.end_time(), samples)
+    start, end = motion.start_time(), motion.end_time()
+    times = np.linspace(start, end, max(FEWEST, int(np.ceil((end - start) / LOOK)) + 1))
     q, v, a = (_values(motion, times, order) for order in range(3))
     torque = torques(arm, q, v, a)
     if outside(arm, q).max() > 0.0:

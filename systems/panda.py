@@ -33,7 +33,6 @@ class PandaDriver:
             by which a tool that presses with 30 N gives way by 5 mm and 10 mrad.
         damping: of the joints [N m s/rad], shape [7].
         fingers: where each finger is held [m], 0 (closed) to 0.04.
-        period: of the joint position commands [s]; speeds are differences over it.
         compensated: models besides the arm whose weight the robot knows and bears: its tools.
     """
 
@@ -45,7 +44,6 @@ class PandaDriver:
         default_factory=lambda: [110.0, 110.0, 90.0, 80.0, 50.0, 40.0, 40.0]
     )
     fingers: float = 0.0055
-    period: float = 0.001
     compensated: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -59,8 +57,6 @@ class PandaDriver:
                 raise ValueError(f"{name} of the Panda is {values}: give {JOINTS} positive values")
         if not 0.0 <= self.fingers <= 0.04:
             raise ValueError(f"the fingers are at {self.fingers:g} m: give 0 to 0.04")
-        if not self.period > 0.0:
-            raise ValueError(f"the period of commands is {self.period:g} s: give a positive one")
 
 
 def apply_panda(plant: MultibodyPlant, driver: PandaDriver, *, model: str = "panda") -> None:
@@ -109,7 +105,7 @@ def add_panda(
     """
     instance = plant.GetModelInstanceByName(model)
     inside = DiagramBuilder()
-    command = inside.AddNamedSystem("command", PositionCommand(driver))
+    command = inside.AddNamedSystem("command", PositionCommand(driver, plant.time_step()))
     states = inside.AddNamedSystem("state", Demultiplexer([JOINTS, FINGERS, JOINTS, FINGERS]))
     external = inside.AddNamedSystem("external", ExternalTorque(plant, model))
     inside.ExportInput(command.get_input_port(), "position")
@@ -137,22 +133,22 @@ def add_panda(
 class PositionCommand(LeafSystem):
     """Joint positions in, the state that the controller follows out.
 
-    Speeds are backward differences over one period, so that the damping does not drag; none before
+    Speeds are backward differences over one period [s], so that the damping does not drag; none before
     the first sample is remembered. Nothing is delayed: the output belongs to the time of the input.
     """
 
-    def __init__(self, driver: PandaDriver) -> None:
+    def __init__(self, driver: PandaDriver, period: float) -> None:
         super().__init__()
-        self._driver = driver
+        self._driver, self._period = driver, period
         self.DeclareVectorInputPort("position", JOINTS)
         self._previous = self.DeclareDiscreteState(np.zeros(JOINTS + 1))
         self.DeclareVectorOutputPort("desired_state", 2 * (JOINTS + FINGERS), self._calc)
-        self.DeclarePeriodicDiscreteUpdateEvent(driver.period, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         q = self.get_input_port().Eval(context)
         *last, begun = context.get_discrete_state(self._previous).value()
-        v = begun * (q - np.array(last)) / self._driver.period
+        v = begun * (q - np.array(last)) / self._period
         fingers = np.full(FINGERS, self._driver.fingers)
         output.SetFromVector(np.concatenate([q, fingers, v, np.zeros(FINGERS)]))
 

@@ -17,6 +17,7 @@ from form_drake.effects import CATALOGUE
 from form_drake.effects.acting import known, sensed
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
+from form_drake.systems.behind import steps_between
 from form_drake.systems.follower import PathFollower
 from form_drake.systems.identifier import Answer, Identifier
 from form_drake.systems.motion import timed_path
@@ -105,6 +106,7 @@ def prepare(
     builder = DiagramBuilder()
     station = make_station(scenario, meshcat=meshcat, view=view)
     motion = planned(scenario)
+    _long_enough(scenario, motion.end_time(), scenario.stereo.rate if seen else None)
     source = builder.AddSystem(station.diagram)
     follow = Follow(until_force=scenario.probe.until_force)
     follower = PathFollower(motion, follow, period=scenario.solver.period)
@@ -119,6 +121,17 @@ def prepare(
         builder.AddNamedSystem("identifier", identifier)
         builder.Connect(recorder.GetOutputPort("recording"), identifier.get_input_port())
     return Run(scenario, station, recorder, builder.Build(), motion.end_time())
+
+
+def _long_enough(scenario: Scenario, duration: float, rate: float | None) -> None:
+    """Refuse a probe of which hardly a frame would be recorded."""
+    solver, rate = scenario.solver, rate or scenario.measure.rate
+    every = steps_between(rate, solver.period) * solver.period
+    if duration < solver.settle + every:
+        raise ValueError(
+            f"scenario {scenario.name}: the probe ends at {duration:g} s, and is recorded from"
+            f" solver.settle={solver.settle:g} s on, every {every:g} s: two frames at least are wanted"
+        )
 
 
 def _seen(
@@ -137,7 +150,7 @@ def _seen(
     header = _header(scenario, station, chosen)
     if seen:
         return add_cameras(builder, scenario, station, header, motion.end_time(), meshcat)
-    tracks = ParticleTracks(chosen, measure.noise, measure.seed, measure.rate)
+    tracks = ParticleTracks(chosen, measure.noise, measure.seed, scenario.solver.period)
     builder.AddNamedSystem("tracks", tracks)
     particles = station.diagram.GetOutputPort("material.particles")
     builder.Connect(particles, tracks.get_input_port())

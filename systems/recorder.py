@@ -12,6 +12,7 @@ from form_drake.perceive.rig import Rig
 from form_drake.perceive.seen import Sight, completed, gathered
 from form_drake.records import Recording, Stream
 from form_drake.systems.behind import Result, steps_between
+from form_drake.systems.force import draws
 
 FORCES = {"sensor": "tool.force", "joint-torque": "tool.force_from_torque"}
 
@@ -52,7 +53,7 @@ class Source:
 class ParticleTracks(LeafSystem):
     """Chosen particles of a simulation as a tracker would report them.
 
-    Noise is a function of seed and frame, so that a cloned Context repeats it.
+    Noise is a function of seed and time, so that a cloned Context repeats it.
 
     Ports: in ``particles`` (``Snapshot``); out ``sight`` (``Result`` of a ``Sight``), as a tracker's.
 
@@ -60,20 +61,19 @@ class ParticleTracks(LeafSystem):
         chosen: indices of the particles.
         noise: standard deviation of a coordinate [m].
         seed: of it.
-        rate: of frames [Hz].
+        period: step of the simulation [s].
     """
 
-    def __init__(self, chosen: np.ndarray, noise: float, seed: int, rate: float):
+    def __init__(self, chosen: np.ndarray, noise: float, seed: int, period: float):
         super().__init__()
-        self._chosen, self._noise, self._seed, self._rate = chosen, noise, seed, rate
+        self._chosen, self._noise, self._seed, self._period = chosen, noise, seed, period
         self.DeclareAbstractInputPort("particles", Value[object](None))
         self.DeclareAbstractOutputPort("sight", lambda: Value[object](None), self._calc)
 
     def _calc(self, context: Context, output: Value) -> None:
         p_WQ = self.get_input_port().Eval(context).p_WQ[self._chosen]
         if self._noise:
-            frame = round(context.get_time() * self._rate)
-            rng = np.random.default_rng((self._seed, frame))
+            rng = draws(self._seed, "tracks", round(context.get_time() / self._period))
             p_WQ = p_WQ + rng.normal(0.0, self._noise, p_WQ.shape)
         time = context.get_time()
         output.set_value(Result(time, Sight(time, p_WQ), age=0.0))

@@ -124,6 +124,11 @@ def twin(scenario: Scenario, recording: Recording) -> Callable[[Mapping[str, flo
 
 def _particles(station: Station, recording: Recording) -> np.ndarray:
     """The particle at each tracked point's place of rest."""
+    if recording.on_surface:
+        raise ValueError(
+            "the recording holds points of a face that cameras have seen, and no particles: take one"
+            " that was made without --perception"
+        )
     rest = station.material.scene.rest
     distance, found = cKDTree(rest).query(recording.reference)
     spacing = float(np.cbrt(station.material.scene.simulation.body.volume).max())

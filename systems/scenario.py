@@ -198,6 +198,26 @@ class StereoPair:
     drift: float = 0.0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        lengths = {
+            "aim": (0, 3),
+            "down": (3,),
+            "size": (2,),
+            "distortion": (5,),
+            "turned_deg": (3,),
+        }
+        for name, allowed in lengths.items():
+            if len(own := getattr(self, name)) not in allowed:
+                raise ValueError(f"{name}: {allowed[-1]} numbers are wanted, got {own}")
+        if min(self.size) < 1:
+            raise ValueError(f"size: positive numbers of pixels are wanted, got {self.size}")
+        for name in ("focus", "distance", "baseline", "rate", "half", "speckle", "spacing"):
+            if (value := getattr(self, name)) is not None and not value > 0:
+                raise ValueError(f"{name}: a positive number is wanted, got {value}")
+        for name in ("noise", "blur"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"{name}: must not be negative, got {getattr(self, name)}")
+
 
 @dataclass
 class Scenario:
@@ -205,8 +225,8 @@ class Scenario:
 
     Attributes:
         name: of the scenario.
-        arm: model directives of the arm, a ``package://`` or file name: the Panda of this package,
-            or ``package://form_drake/panda/drake_models.dmd.yaml`` for that of Drake's models.
+        arm: model directives of the arm, a ``package://`` name or a file: the Panda of this package, or
+            ``package://form_drake/panda/drake_models.dmd.yaml`` for that of Drake's models.
         cell: model directives of tools and stands, likewise.
         packages: folders of further packages by name, such as ``drake_models``.
         panda: driver of the arm.
@@ -299,6 +319,21 @@ def _sensible(scenario: Scenario) -> None:
     for name, value in {"measure.points": measure.points, "measure.noise": measure.noise}.items():
         if not 0 <= value < math.inf:
             raise ValueError(f"{name}: must not be negative, got {value}")
+    # read from a file, parts are changed after they were made
+    checked = {
+        "panda": scenario.panda,
+        "measure.sensor": measure.sensor,
+        "measure.torque": measure.torque,
+        "stereo": scenario.stereo,
+    }
+    for name, part in checked.items():
+        try:
+            part.__post_init__()
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+    for name, camera in scenario.cameras.items():
+        if not (camera.rgb or camera.depth):
+            raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
 
 
 def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool = False) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from pydrake.common.value import Value
@@ -148,7 +149,9 @@ def _plant(scenario: Scenario, builder: DiagramBuilder) -> tuple[MultibodyPlant,
 
 def directives(scenario: Scenario) -> ModelDirectives:
     """The model directives of the scenario's arm and cell."""
-    parts = (f"- add_directives: {{file: '{file}'}}\n" for file in (scenario.arm, scenario.cell))
+    named = (scenario.arm, scenario.cell)
+    files = (f if "://" in f else Path(f).resolve().as_uri() for f in named)
+    parts = (f"- add_directives: {{file: '{file}'}}\n" for file in files)
     return LoadModelDirectivesFromString("directives:\n" + "".join(parts))
 
 
@@ -235,8 +238,10 @@ def _export_arm(
     for name in ("position_measured", "velocity_measured", "torque_external"):
         builder.ExportOutput(panda.GetOutputPort(name), f"{ARM}.{name}")
     pose = builder.AddNamedSystem("tool_pose", ToolPose(plant, tool))
-    torque = builder.AddNamedSystem("torque_sensor", Sensor(7, scenario.measure.torque))
-    force = builder.AddNamedSystem("tool_force", ToolForce(plant, tool))
+    torque = builder.AddNamedSystem("torque_sensor", Sensor(7, scenario.measure.torque, "torque"))
+    noise = np.broadcast_to(scenario.measure.torque.noise, 7)
+    sd = noise if noise.all() else None
+    force = builder.AddNamedSystem("tool_force", ToolForce(plant, tool, sd=sd))
     measured = panda.GetOutputPort("position_measured")
     builder.Connect(measured, pose.get_input_port())
     builder.Connect(measured, force.GetInputPort("position"))
@@ -265,13 +270,20 @@ def _export_force(
 def _cameras(
     scenario: Scenario, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
 ) -> None:
+    from pydrake.lcm import DrakeLcm
     from pydrake.systems.sensors import ApplyCameraConfig
 
     if scenario.cameras and not scene_graph.HasRenderer("vtk"):
         scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
     for name, config in scenario.cameras.items():
-        config.name, config.renderer_name = name, "vtk"
-        ApplyCameraConfig(config=config, builder=builder, plant=plant, scene_graph=scene_graph)
+        config.name, config.renderer_name, config.renderer_class = name, "vtk", ""
+        ApplyCameraConfig(
+            config=config,
+            builder=builder,
+            plant=plant,
+            scene_graph=scene_graph,
+            lcm=DrakeLcm("memq://null"),  # pictures go to ports alone
+        )
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         for port in ("color_image", "depth_image_32f", "image_time"):
             builder.ExportOutput(sensor.GetOutputPort(port), f"{name}.{port}")

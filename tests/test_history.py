@@ -5,7 +5,7 @@ import pytest
 
 from form_drake.laws import law_named
 from form_drake.weak import history
-from form_drake.weak.covariance import LOST, _by_moment, _by_pair, _felt
+from form_drake.weak.covariance import _by_moment, _by_pair
 from form_drake.weak.history import lasting
 from form_drake.weak.solve import throughout
 from form_drake.weak.stress import elastic_part, unit_stresses
@@ -112,22 +112,6 @@ def test_windows_in_pairs_and_by_moment_are_one_covariance():
         both = _by_pair(windows, scale, fields), _by_moment(windows, scale, fields)
         np.testing.assert_allclose(*both, atol=1e-12 * np.abs(both[1]).max())
         assert not both[0][4:6].any() and not both[0][:2, 6:].any() and both[0][:2, 2:4].any()
-
-
-def test_what_no_row_feels_is_left_out_of_a_covariance(monkeypatch):
-    rng = np.random.default_rng(5)
-    windows = [
-        (rng.standard_normal((6, 50)), size * rng.standard_normal((6, 30, 3)))
-        for size in (1.0, 1e-6, 1e3)
-    ]
-    fading = 10.0 ** -np.linspace(0.0, 6.0, 50)[:, None] * 10.0 ** -np.linspace(0.0, 3.0, 30)
-    assert 0.1 < _felt(windows, fading).mean() < 0.5
-    found = _by_moment(windows, fading, 3)
-    monkeypatch.setattr("form_drake.weak.covariance.LOST", -1.0)
-    assert _felt(windows, fading).all()
-    size = np.sqrt(np.diag(whole := _by_moment(windows, fading, 3)))
-    assert np.abs((whole - found) / np.outer(size, size)).max() < LOST
-    assert (np.diag(found) < np.diag(whole)).all()
 
 
 def test_an_error_that_lasts_has_the_sign_of_the_stress():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialForce
@@ -14,7 +14,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, LogVectorOutput
 
 from form_drake.control import Follow, Progress, advanced, tool_wrench
@@ -202,10 +202,44 @@ class Ramp(LeafSystem):
         output.SetFromVector(np.full(output.size(), context.get_time()))
 
 
-def measured(errors, *, size=3, source=None, until=2.0):
+class Advancing(LeafSystem):
+    """Is one from a time on, by an update like that of a material: the mean of the period that follows."""
+
+    def __init__(self, at):
+        super().__init__()
+        self._at = at
+        self._value = self.DeclareAbstractState(Value[object](0.0))
+        ticket = {self.abstract_state_ticket(self._value)}
+        self.DeclareVectorOutputPort("y", 3, self._calc, ticket)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1e-3, 0.0, self._update)
+
+    def _calc(self, context, output: BasicVector):
+        output.SetFromVector(np.full(3, context.get_abstract_state(int(self._value)).get_value()))
+
+    def _update(self, context, state):
+        now = float(context.get_time() > self._at - 1e-9)
+        state.get_mutable_abstract_state(int(self._value)).set_value(now)
+        return EventStatus.Succeeded()
+
+
+class Listener(LeafSystem):
+    """Hears a signal as the recorder does."""
+
+    def __init__(self):
+        super().__init__()
+        self.heard = []
+        self.DeclareVectorInputPort("y", 3)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1e-3, 0.0, self._hear)
+
+    def _hear(self, context, state):
+        self.heard.append(self.get_input_port().Eval(context)[0])
+        return EventStatus.Succeeded()
+
+
+def measured(errors, *, size=3, source=None, until=2.0, signal="force"):
     builder = DiagramBuilder()
     source = builder.AddSystem(source or ConstantVectorSource(np.ones(size)))
-    sensor = builder.AddSystem(Sensor(size, errors))
+    sensor = builder.AddSystem(Sensor(size, errors, signal))
     builder.Connect(source.get_output_port(0), sensor.get_input_port())
     log = LogVectorOutput(sensor.get_output_port(), builder, errors.period)
     diagram = builder.Build()
@@ -235,6 +269,28 @@ def test_the_filter_is_of_first_order():
     log, _ = measured(SensorErrors(bandwidth=10.0), until=0.1)
     t = log.sample_times() + 1e-3
     assert log.data()[0] == pytest.approx(1.0 - np.exp(-2 * np.pi * 10.0 * t), abs=1e-9)
+
+
+def test_a_filter_takes_in_every_sample_once():
+    """A force that a material begins to exert at 20 ms is heard one period later, through the filter."""
+    errors = SensorErrors(bandwidth=50.0)
+    builder = DiagramBuilder()
+    sensor, ear = builder.AddSystem(Sensor(3, errors)), builder.AddSystem(Listener())
+    source = builder.AddSystem(Advancing(0.02))
+    builder.Connect(source.get_output_port(), sensor.get_input_port())
+    builder.Connect(sensor.get_output_port(), ear.get_input_port())
+    Simulator(builder.Build()).AdvanceTo(0.04)
+    share = 1.0 - np.exp(-2.0 * np.pi * 50.0 * 1e-3)
+    expected = 1.0 - (1.0 - share) ** np.arange(1, 20)
+    assert not np.any(ear.heard[:21]) and ear.heard[21:40] == pytest.approx(expected, abs=1e-12)
+
+
+def test_sensors_of_one_seed_are_independent():
+    errors = SensorErrors(noise=[1.0])
+    one, other = (
+        measured(errors, until=0.5, signal=s)[0].data() - 1.0 for s in ("force", "torque")
+    )
+    assert abs(np.mean(one * other)) < 0.1 < np.mean(one**2)
 
 
 def test_a_cloned_context_repeats_every_sample(arm, q0):
@@ -309,7 +365,6 @@ def test_settings_load_from_yaml():
         (lambda: PandaDriver(control_mode="torque"), "'torque' .* allowed: position"),
         (lambda: PandaDriver(stiffness=[1.0]), "give 7 positive values"),
         (lambda: PandaDriver(fingers=0.1), "give 0 to 0.04"),
-        (lambda: PandaDriver(period=0.0), "give a positive one"),
         (lambda: SensorErrors(noise=[-1.0]), "must not be negative"),
         (lambda: Sensor(3, SensorErrors(bias=[1.0, 2.0])), "give 1 or 3"),
         (lambda: Follow(until_force=-1.0), "give a positive force"),

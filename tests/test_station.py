@@ -87,6 +87,15 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("specimen.size=[0.03, 0.03]",), "specimen.size: three numbers"),
         ("press_a", ("specimen.size.x=1",), "holds no entries"),
         ("press_a", ("probe.waypoints=[{t: 0}]",), r"no probe.waypoints\[0\].t"),
+        ("press_a", ("panda.stiffness=[1, 2]",), "panda: stiffness .* give 7 positive values"),
+        ("press_a", ("panda.fingers=0.5",), "panda: the fingers are at 0.5 m: give 0 to 0.04"),
+        ("press_a", ("panda.control_mode=torque",), "panda: control_mode 'torque' .* position"),
+        ("press_a", ("measure.sensor.noise=[-0.005]",), "measure.sensor: .* must not be negative"),
+        ("press_a", ("measure.torque.period=0",), "measure.torque: .* the period positive"),
+        ("press_a", ("stereo.size=[640]",), "stereo: size: 2 numbers are wanted"),
+        ("press_a", ("stereo.focus=-1",), "stereo: focus: a positive number is wanted"),
+        ("press_a", ("cameras={front: {rgb: false, depth: false}}",), "cameras.front: neither rgb"),
+        ("press_a", ("specimen.effects=[{id: a",), "what follows = is no YAML"),
     ],
 )
 def test_bad_scenarios_are_one_line(name, change, said):
@@ -102,6 +111,14 @@ def test_inheritance_without_end(tmp_path):
         load_scenario(path)
 
 
+@pytest.mark.parametrize(("settle", "rate"), [(0.45, 10), (0.25, 3)])
+def test_a_probe_of_hardly_a_frame_is_refused_before_it_runs(settle, rate):
+    scenario = short("press_b", f"measure.rate={rate}")
+    scenario.solver.settle = settle
+    with pytest.raises(ValueError, match=r"the probe ends at 0.5 s, .* two frames at least"):
+        prepare(scenario)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -111,6 +128,7 @@ def test_inheritance_without_end(tmp_path):
         (("specimen.contact={specimen_stand: 0.1}",), "press_plate is not among"),
         (("specimen.clamped={top: 0.01}",), "no face 'top'"),
         (("cell=package://form_drake/nowhere.yaml",), "nowhere.yaml"),
+        (("cell=nowhere.yaml",), "nowhere.yaml"),
         (("probe.tool=press_plate::tip",), "no frame 'tip'"),
     ],
 )
@@ -122,6 +140,18 @@ def test_what_does_not_fit_together_is_one_line(changes, said):
 def test_hardware_is_said_to_be_missing():
     with pytest.raises(ValueError, match="no driver"):
         make_station(load_scenario("press_a"), hardware=True)
+
+
+def test_a_cell_is_a_file_and_cameras_have_ports(tmp_path, monkeypatch):
+    """Named from where one is; pictures go to ports, and nowhere else."""
+    cell = load_scenario("press_b").cell
+    (tmp_path / "cell.dmd.yaml").write_text(f"directives: [add_directives: {{file: '{cell}'}}]\n")
+    monkeypatch.chdir(tmp_path)
+    changes = ("cell=cell.dmd.yaml", "cameras={front: {rgb: true, width: 32, height: 24}}")
+    diagram = make_station(short("press_b", *changes)).diagram
+    for port in ("color_image", "depth_image_32f", "image_time"):
+        assert diagram.HasOutputPort(f"front.{port}")
+    assert not [s for s in diagram.GetSystems() if "Lcm" in s.get_name()]
 
 
 def test_ports():

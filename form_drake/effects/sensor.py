@@ -67,8 +67,9 @@ def _force(id: str, wrong: Signal, shown_as: Shown | None = None, **more: Any) -
             return value + size * wrong(time, value, along)
 
         streams = {
-            k: replace(s, value=felt(s.time - start, s.value)) for k, s in recording.forces.items()
-        }
+            k: s if ":" in k else replace(s, value=felt(s.time - start, s.value))
+            for k, s in recording.forces.items()
+        }  # what follows a colon is another source, see ``Recording.measured_by``
         return replace(recording, forces=streams)
 
     return Effect(id=id, column=_directed(id, column), sensor=sensor, **more)

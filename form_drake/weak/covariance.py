@@ -11,7 +11,6 @@ from form_drake.weak.windows import Windows
 
 SMALL = 1e-5  # correlation below which windows are taken to share no noise
 TOGETHER = 2**22  # numbers in what is multiplied at once
-LOST, TINY = 0.01, 1e-300  # share of the variance that all rows may lose together; no variance
 
 
 def track_noise(
@@ -117,36 +116,21 @@ def _common(pull: np.ndarray, scale: np.ndarray, other: np.ndarray) -> np.ndarra
 
 
 def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
-    """The same, a few moments at a time, without those of functions that no row feels."""
-    scale = np.broadcast_to(scale, (windows[0][0].shape[1], scale.shape[1]))
-    felt = _felt(windows, scale)
-    order = np.argsort(felt.sum(axis=1), kind="stable")
+    """The same, a few moments at a time."""
+    moments, functions = windows[0][0].shape[1], scale.shape[1]
+    scale = np.broadcast_to(scale, (moments, functions))
     slopes = [np.ascontiguousarray(own.T) for _, own in windows]
     total = np.zeros((m * len(windows),) * 2)
-    count = max(1, TOGETHER // (len(total) * scale.shape[1]))
-    for n in range(0, len(order), count):
-        own = order[n : n + count]
-        some = np.flatnonzero(felt[own].any(axis=0))
-        rows = np.stack(
-            [part[:, some] @ pull[:, own] for part, (pull, _) in zip(slopes, windows, strict=True)]
-        )
-        rows *= scale[np.ix_(own, some)].T
+    count = max(1, TOGETHER // (len(total) * functions))
+    for n in range(0, moments, count):
+        own = slice(n, min(n + count, moments))
+        rows = np.empty((len(windows), m, functions, own.stop - n))
+        for row, part, (pull, _) in zip(rows, slopes, windows, strict=True):
+            np.matmul(part, pull[:, own], out=row)
+        rows *= scale[own].T
         flat = rows.reshape(len(total), -1)
         total += flat @ flat.T
     return total
-
-
-def _felt(windows: list[Window], scale: np.ndarray) -> np.ndarray:
-    """Moments of functions without which rows lose a share ``LOST`` of their variance at most, by size."""
-    pulls = np.array([np.sum(pull**2, axis=0) for pull, _ in windows])
-    slopes = np.array([np.sum(own**2, axis=0) for _, own in windows])
-    variance = np.einsum("wf,wfm->wm", pulls @ scale**2, slopes)
-    share = scale**2 * (pulls.T @ np.sum(slopes / np.maximum(variance, TINY)[:, None], axis=2))
-    order = np.argsort(share, axis=None)
-    lost = np.cumsum(share.ravel()[order]) <= LOST
-    felt = np.ones(share.size, dtype=bool)
-    felt[order[lost]] = False
-    return felt.reshape(share.shape)
 
 
 def _window(
