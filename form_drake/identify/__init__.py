@@ -16,12 +16,20 @@ from form_drake.identify.rollout import identify_rollout
 from form_drake.identify.scene import Twin, stated_scenes
 from form_drake.identify.solve import Identification, Unidentifiable
 from form_drake.identify.start import default_start, is_led, leader, refuse_local_minimum
+from form_drake.identify.stated import (
+    declared_law,
+    declared_values,
+    of_one_material,
+    refuse_flags,
+    weak_known,
+)
 from form_drake.identify.step import identify_step
 from form_drake.identify.trials import Guess, Rollouts, rigid_start
 from form_drake.identify.weak import estimated, identify_weak, weighed
-from form_drake.laws import LAWS, Law, law_named
-from form_drake.laws.values import LAME, checked_values, finite
-from form_drake.records import Recording, degraded, rest_shape, thinned
+from form_drake.laws import Law
+from form_drake.laws.values import checked_values
+from form_drake.motion.tracks import sighted
+from form_drake.records import Recording, degraded, rest_shape, restated, stepped, thinned
 from form_drake.records.stepped import NEGLIGIBLE
 from form_drake.workers import single
 
@@ -43,34 +51,6 @@ def default_method(recording: Recording) -> Method:
     if most_observed(recording) != "positions":
         return "step"
     return "rollout" if recording.solver is not None and recording.step is not None else "weak"
-
-
-def declared_law(recording: Recording, name: str | None) -> Law:
-    """The named law, or the one that the recording declares.
-
-    Raises:
-        ValueError: neither is there, or there is no such law.
-    """
-    name = name or recording.law
-    if name is None:
-        raise ValueError(f"the recording declares no law: choose --law from {', '.join(LAWS)}")
-    return law_named(name)
-
-
-def declared_values(recording: Recording, law: Law) -> dict[str, float]:
-    """Values that the recording declares as known, for a law that has them all.
-
-    Raises:
-        ValueError: the law lacks one of them.
-    """
-    found = {k: v for k, v in recording.known.items() if k != "density"}
-    strange = [k for k in found if k not in law.keys]
-    if strange:
-        raise ValueError(
-            f"the recording declares {', '.join(strange)} as known, which {law.name} does not hold as"
-            f" a parameter: its parameters are {', '.join(law.keys)}"
-        )
-    return found
 
 
 @single
@@ -123,6 +103,7 @@ def identify(
     if not recordings:
         raise ValueError("no recording is given")
     recordings = [r.measured_by(force) for r in recordings]
+    of_one_material(recordings, law)
     first = recordings[0]
     chosen = declared_law(first, law)
     if method is None and observe is not None:
@@ -134,14 +115,19 @@ def identify(
             "initial_velocity": initial_velocity is not None,
             "start": bool(start),
         }
-        _refuse_flags(flags, "step and rollout only: leave out --method weak")
-        ready = [_degraded(r, stride, position_noise, add_noise, seed) for r in recordings]
+        refuse_flags(flags, "step and rollout only: leave out --method weak")
+        ready = [_degraded(sighted(r), stride, position_noise, add_noise, seed) for r in recordings]
         if twin == "stated":
             twin = stated_scenes(ready, chosen)
-        return identify_weak(ready, chosen, _weak_known(ready, chosen, known or {}), weak, twin)
-    _refuse_flags({"twin": twin is not None}, "the weak form: add --method weak")
+        return identify_weak(ready, chosen, weak_known(ready, chosen, known or {}), weak, twin)
+    refuse_flags({"twin": twin is not None}, "the weak form: add --method weak")
     if len(recordings) > 1:
         raise ValueError(f"--method {method} takes one recording, got {len(recordings)}")
+    seen = observe or most_observed(first)
+    if method == "step" and seen == "positions":
+        raise ValueError("--method step needs consecutive solver states, which the recording lacks")
+    if method == "rollout":
+        stepped(first)
     given = declared_values(first, chosen) | checked_values(chosen, known or {})
     if set(chosen.keys) <= set(given):
         raise ValueError("every parameter is known: nothing is left to identify")
@@ -159,9 +145,6 @@ def identify(
             add_noise,
             first.p_reference is not None,
         )
-    observe = observe or most_observed(first)
-    if observe == "positions":
-        raise ValueError("--method step needs consecutive solver states, which the recording lacks")
     flags = {
         "stride": stride != 1,
         "add_noise": add_noise is not None,
@@ -169,8 +152,8 @@ def identify(
         "initial_velocity": initial_velocity == "rigid",
         "start": bool(start),
     }
-    _refuse_flags(flags, "positions only: add --observe positions")
-    return identify_step(first, chosen, observe=observe, known=given)
+    refuse_flags(flags, "positions only: add --observe positions")
+    return identify_step(first, chosen, observe=seen, known=given)
 
 
 @single
@@ -181,9 +164,11 @@ def estimates(
 
     Motions are read and rows weighed once for all of them.
     """
+    of_one_material(recordings, None)
     law = declared_law(recordings[0], None)
+    recordings = [sighted(r) for r in recordings]
     try:
-        ready = weighed(recordings, law, _weak_known(recordings, law, {}), options)
+        ready = weighed(recordings, law, weak_known(recordings, law, {}), options)
     except Unidentifiable as refusal:
         return dict.fromkeys(estimators, refusal)
     found: dict[str, Identification | Unidentifiable] = {}
@@ -195,31 +180,6 @@ def estimates(
     return found
 
 
-def _refuse_flags(flags: Mapping[str, bool], reason: str) -> None:
-    found = [f"--{k.replace('_', '-')}" for k, on in flags.items() if on]
-    if found:
-        raise ValueError(f"{', '.join(found)} applies to {reason}")
-
-
-def _weak_known(
-    recordings: Sequence[Recording], law: Law, known: Mapping[str, Any]
-) -> dict[str, float]:
-    """Given values of the weak form; nu may stand alone."""
-    given: dict[str, float] = {}
-    stated = dict(known)
-    for recording in recordings:
-        declared = dict(recording.known)
-        if "nu" in declared and set(LAME) <= set(law.keys):
-            stated = {"nu": declared.pop("nu"), **stated}
-        given |= declared_values(replace(recording, known=declared), law)
-    if "nu" in stated and "E" not in stated and set(LAME) <= set(law.keys):
-        nu = finite("nu", stated.pop("nu"))
-        if not -1.0 < nu < 0.5:
-            raise ValueError(f"nu: must lie between -1 and 0.5, got {nu}")
-        given["nu"] = nu
-    return given | checked_values(law, stated)
-
-
 def _degraded(
     recording: Recording,
     stride: int,
@@ -228,7 +188,7 @@ def _degraded(
     seed: int,
 ) -> Recording:
     if position_noise is not None:
-        recording = replace(recording, noise=position_noise)
+        recording = restated(recording, position_noise)
     recording = thinned(recording, stride)
     return recording if add_noise is None else degraded(recording, add_noise, seed)
 

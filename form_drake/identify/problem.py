@@ -200,7 +200,7 @@ class Problem:
 
     def noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """Covariance of each probe's rows, probes being independent [(N m s)^2]."""
-        values = self.values(eta)
+        values, theta = self.values(eta), theta * self.unknowns.columns
         return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
 
     def lasting_noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
@@ -209,11 +209,12 @@ class Problem:
         Few points will do, and what history takes back must be read where it was added.
         """
         law, values = self.unknowns.law, self.values(eta)
+        theta = theta * self.unknowns.columns
         return [p.noise(law, values, theta, lasting=True) for p in self.coarser.probes]
 
     def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same from what no track tells."""
-        values = self.values(eta)
+        values, theta = self.values(eta), theta * self.unknowns.columns
         return [p.doubt(self.unknowns.law, values, theta) for p in self.probes]
 
     def solved(self, system: WeakSystem, by: Weights) -> Solution:

@@ -20,6 +20,7 @@ from form_drake.records import Recording
 from form_drake.weak.choice import (
     chosen_pressure,
     chosen_windows,
+    seen_through,
     spaced,
     told_apart,
     traction_free,
@@ -164,6 +165,11 @@ def _problem(
     read: Reader,
 ) -> Problem:
     options = each[0]
+    if options.pressure == "supplied" and any(r.pressure is None for r in recordings):
+        raise ValueError(
+            "pressure supplied: a recording holds none; give it (points/pressure), or let the law balance"
+            " it (pressure law)"
+        )
     fitted = [(r, *read(r)) for r in recordings]
     for given in fitted:
         check_loads(*given)
@@ -193,9 +199,11 @@ def _problem(
             fit = read(recording, False)[1]
             fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not own.ends:
-            ends = spaced(ends, fields, len(fitted))
+            ends = seen_through(spaced(ends, fields, len(fitted)), recording.time)
         free = traction_free(fields) if own.free is None else traction_free_as(own.free, law)
-        probes.append(prepared(recording, f"probe {n + 1}", fields, ends, shape, fit, free))
+        # what the law balances must not act twice
+        held = replace(recording, pressure=None) if pressure == "law" else recording
+        probes.append(prepared(held, f"probe {n + 1}", fields, ends, shape, fit, free))
         if pressure == "free" and (feeling := feel_pressure(probes[-1])):
             raise ValueError(
                 f"pressure free: test fields {', '.join(feeling)} feel the pressure that is left out;"

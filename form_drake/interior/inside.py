@@ -9,6 +9,7 @@ from form_drake.interior.resistance import Resistance
 from form_drake.interior.surface import Seen
 from form_drake.material import Material
 from form_drake.motion import Body, Sampling, body, fit_tracks
+from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 
 ALONG = 6  # points along each side of a body
@@ -56,7 +57,7 @@ def inside(
     Raises:
         ValueError: too few points or frames, or no motion that passes through what is seen.
     """
-    recording = recording.measured_by(force)
+    recording = sighted(recording.measured_by(force))
     shape = body(recording)
     X = _grid(shape) if X is None else X
     if recording.on_surface:

@@ -31,7 +31,7 @@ def chosen_cells(
 
     Args:
         X: points of the surface [m], shape [points, 3].
-        u: their displacements [m], shape [frames, points, 3].
+        u: their displacements [m], also where they are not seen, shape [frames, points, 3].
         valid: which are seen, shape [frames, points].
         whitening: makes their errors alike, see ``Seen``, shape [points, 3, 3].
         body: the box.
@@ -41,7 +41,6 @@ def chosen_cells(
     Returns:
         Splines, and the root mean square error at left-out points in all frames [m].
     """
-    u = _bridged(u, valid)
     fields, _ = looked_at(u, np.ones_like(valid), noise)
     size = body.high - body.low
     tried: list[tuple[Space, float]] = []
@@ -56,17 +55,6 @@ def chosen_cells(
     limit = np.hypot(SLACK * least, ROOM * noise)
     space = next(space for space, error in reversed(tried) if error <= limit)
     return space, cross_validated(space, X, u, whitening)
-
-
-def _bridged(u: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Displacements with lines in time where a point is not seen: good enough to choose cells by."""
-    u = u.copy()
-    frames = np.arange(len(u))
-    for p in np.flatnonzero(~valid.all(axis=0)):
-        seen = valid[:, p]
-        for i in range(3):
-            u[~seen, p, i] = np.interp(frames[~seen], frames[seen], u[seen, p, i])
-    return u
 
 
 def _space(body: Body, spans: np.ndarray, symmetry: Symmetry) -> Space:

@@ -154,6 +154,12 @@ def faces(recording: Recording) -> tuple[Face, ...]:
             )
         found.append(Face(n // 2, n % 2, words[0], words[1] if len(words) == 2 else ""))
     named = {f.tool for f in found if f.tool}
+    twice = [t for t in recording.forces if sum(f.tool == t for f in found) > 1]
+    if twice:
+        raise ValueError(
+            f"force of {', '.join(twice)}: contact names it on several faces, and one force does not tell"
+            " them apart: record a tool of its own for each"
+        )
     lost = sorted(set(recording.forces) - named)
     if lost and named:
         raise ValueError(

@@ -19,7 +19,7 @@ from form_drake.motion.pace import chosen_time, moments
 from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
 from form_drake.motion.space import RIDGE, Space, paired
 from form_drake.motion.splines import Splines
-from form_drake.motion.tracks import jitter, noise_of, tracks
+from form_drake.motion.tracks import jitter, noise_of, placed, tracks
 from form_drake.records import Recording
 
 FAINT = 0.01  # of the largest mode that the fields leave, below which one is left out
@@ -235,7 +235,7 @@ def supplied(
     if value is None:
         return None
     valid = np.isfinite(value).reshape(*value.shape[:2], -1).all(axis=(0, 2))
-    valid &= np.isfinite(recording.reference).all(axis=1)
+    valid &= placed(recording)
     scalar = fit.space.scalar
     Phi = scalar.matrix(recording.reference[valid])
     flat = value[:, valid].swapaxes(0, 1).reshape(len(Phi), -1)

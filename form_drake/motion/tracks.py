@@ -4,17 +4,54 @@ import numpy as np
 
 from form_drake.motion.body import Body
 from form_drake.motion.modes import white_noise
-from form_drake.records import Recording
+from form_drake.records import Recording, picked
 
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
 FLAT = 0.02  # of the widest extent of the points, in units of the box, below which they are a plane
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
+SIGHTED = 0.5  # of the points, fewer than which make a frame blind
+
+
+def sighted(recording: Recording) -> Recording:
+    """Without the frames in which less than half of the points are seen that are seen at all.
+
+    What fills them would count as measured. The first one is kept where points have their stress-free
+    positions from it.
+    """
+    valid = np.isfinite(recording.p_WQ).all(axis=2)
+    if recording.valid is not None:
+        valid &= recording.valid
+    share = valid[:, valid.any(axis=0)]
+    kept = np.mean(share, axis=1) >= SIGHTED if share.size else np.ones(len(valid), dtype=bool)
+    kept[0] |= recording.p_reference is None
+    return recording if kept.all() else picked(recording, np.flatnonzero(kept))
+
+
+def placed(recording: Recording) -> np.ndarray:
+    """Which points have a stress-free position that is known, shape [points]."""
+    found = np.isfinite(recording.reference).all(axis=1)
+    if recording.valid is not None and recording.p_reference is None:
+        found &= recording.valid[0]
+    return np.asarray(found)
+
+
+def bridged(u: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Displacements with lines in time where a point is not seen."""
+    u = u.copy()
+    frames = np.arange(len(u))
+    for p in np.flatnonzero(~valid.all(axis=0) & valid.any(axis=0)):
+        seen = valid[:, p]
+        for i in range(3):
+            u[~seen, p, i] = np.interp(frames[~seen], frames[seen], u[seen, p, i])
+    return u
 
 
 def tracks(
     recording: Recording, body: Body, *, throughout: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stress-free positions, displacements, validity and time of the points ever seen, and which they are.
+
+    Displacements of points that are not seen lie on lines in time.
 
     Raises:
         ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
@@ -44,7 +81,8 @@ def tracks(
             " face that each lies on (points/face), from which the inside is reconstructed"
         )
     u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
-    return X, u[:, seen], valid[:, seen], recording.time - recording.time[0], seen
+    time = recording.time - recording.time[0]
+    return X, bridged(u[:, seen], valid[:, seen]), valid[:, seen], time, seen
 
 
 def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
@@ -68,16 +106,27 @@ def neighbours(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def noise_of(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
-    """Noise of one coordinate [m]: what is neither a mode of the motion nor smooth in time."""
+    """Noise of one coordinate [m]: what is neither a mode of the motion nor smooth in time.
+
+    Raises:
+        ValueError: too much is missing to tell.
+    """
     found = jitter(time, u, valid)
     whole = valid.all(axis=0)
-    return min(found, white_noise(u[:, whole])) if whole.any() else found
+    found = min(found, white_noise(u[:, whole])) if whole.any() else found
+    if not np.isfinite(found):
+        raise ValueError(
+            "no point is seen in all frames, or in five running: how noisy tracks are cannot be told; state"
+            " noise [m]"
+        )
+    return found
 
 
 def jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
     """Noise of one coordinate [m] from its deviation from the cubic through four neighbours.
 
-    The median over frames, so that moments of fast motion do not count.
+    The median over frames, so that moments of fast motion do not count; infinite where no point is seen
+    in five frames running.
     """
     weights, middle = neighbours(time)
     error = u[middle] - np.einsum("fk,fkpi->fpi", weights, u[middle[:, None] + NEAR], optimize=True)
@@ -86,4 +135,5 @@ def jitter(time: np.ndarray, u: np.ndarray, valid: np.ndarray) -> float:
     square = np.array(
         [np.mean(e[s] ** 2) if s.any() else np.nan for e, s in zip(error, sure, strict=True)]
     )
-    return float(np.sqrt(np.nanmedian(square)))
+    square = square[np.isfinite(square)]
+    return float(np.sqrt(np.median(square))) if len(square) else np.inf

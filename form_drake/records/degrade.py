@@ -15,13 +15,18 @@ def thinned(recording: Recording, stride: int) -> Recording:
     """
     if stride < 1:
         raise ValueError(f"stride: a whole number from 1 is wanted, got {stride}")
-    keep = slice(None, None, stride)
-    if len(recording.time[keep]) < 2:
+    kept = np.arange(0, recording.frames, stride)
+    if len(kept) < 2:
         raise ValueError(f"stride {stride} leaves fewer than two of {recording.frames} frames")
-    rows = ("time", "p_WQ", "valid", "visible", "step")
-    picked = {k: getattr(recording, k) for k in rows}
-    picked = {k: None if v is None else v[keep] for k, v in picked.items()}
-    return replace(recording, states=None, **picked)
+    return picked(recording, kept)
+
+
+def picked(recording: Recording, frames: np.ndarray) -> Recording:
+    """Some of the frames, by their indices; full solver states are dropped."""
+    rows = ("time", "p_WQ", "valid", "visible", "step", "pressure", "body_force")
+    own = {k: getattr(recording, k) for k in rows}
+    own = {k: None if v is None else v[frames] for k, v in own.items()}
+    return replace(recording, states=None, **own)
 
 
 def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
@@ -34,5 +39,16 @@ def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
     noise = np.random.default_rng(seed).normal(0.0, sigma, recording.p_WQ.shape)
     level = None if recording.noise is None else float(np.hypot(recording.noise, sigma))
     seen = recording.on_surface and recording.p_reference is None
-    reference = None if seen else recording.reference
-    return replace(recording, p_WQ=recording.p_WQ + noise, p_reference=reference, noise=level)
+    reference, covariance = None if seen else recording.reference, recording.covariance
+    if covariance is not None:
+        covariance = covariance + sigma**2 * np.eye(3)
+    moved = replace(recording, p_WQ=recording.p_WQ + noise, p_reference=reference)
+    return replace(moved, noise=level, covariance=covariance)
+
+
+def restated(recording: Recording, noise: float) -> Recording:
+    """With another noise of a coordinate [m]; where points have covariances, on average over them."""
+    if recording.covariance is None:
+        return replace(recording, noise=noise)
+    mean = float(np.trace(recording.covariance, axis1=1, axis2=2).mean()) / 3.0
+    return replace(recording, noise=noise, covariance=recording.covariance * noise**2 / mean)

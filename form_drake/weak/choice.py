@@ -6,6 +6,7 @@ import numpy as np
 
 from form_drake.laws import Law
 from form_drake.motion import Body, Fit, Sampling
+from form_drake.motion.tracks import placed
 from form_drake.records import Recording
 from form_drake.weak.bend import BendFields
 from form_drake.weak.fields import Fields
@@ -19,6 +20,7 @@ DRAWS, LOUD = 4, 1.1  # of noise, and times what they make of volume that is no 
 FRAMES = 8  # fewest frames in a window
 STRIDE = 0.4  # of windows, as a share of their width, where that gives no more than
 MOST_ROWS = 2000
+GAP = 2.5  # times the usual one, beyond which a time between frames is a gap
 STILL = 0.01  # of the largest displacement, below which a body stands still
 
 
@@ -38,6 +40,19 @@ def chosen_windows(recording: Recording, law: Law, width: float | None) -> np.nd
     return even(0.0, last, width, STRIDE * width)
 
 
+def seen_through(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Windows [s] without a gap between frames, at these times [s], that is longer than half of them.
+
+    What bridges a gap is no measurement.
+    """
+    first, last = time[:-1] - time[0], time[1:] - time[0]
+    wide = last - first > GAP * np.median(last - first)
+    meets = (ends[:, :1] < last[wide]) & (ends[:, 1:] > first[wide])
+    hidden = meets & (last - first > 0.5 * np.diff(ends))[:, wide]
+    kept = ~hidden.any(axis=1)
+    return ends[kept] if kept.any() else ends
+
+
 def told_apart(ends: np.ndarray, recording: Recording, fit: Fit) -> np.ndarray:
     """Windows between which the body moves, where the law itself has completed its motion.
 
@@ -49,7 +64,7 @@ def told_apart(ends: np.ndarray, recording: Recording, fit: Fit) -> np.ndarray:
         recording: of the body.
         fit: its motion.
     """
-    X, times = recording.reference, np.append(0.0, ends.mean(axis=1))
+    X, times = recording.reference[placed(recording)], np.append(0.0, ends.mean(axis=1))
     x = Sampling.of(fit, times, X, np.ones(len(X)), 1.0).motion(fit.c).x
     far = STILL * np.sqrt(np.mean((x - x[0]) ** 2, axis=(1, 2))).max()
     last, kept = 0, []
@@ -92,7 +107,7 @@ def chosen_pressure(
     rng = np.random.default_rng(0)
     change, noise, strain = 0.0, 0.0, 0.0
     for recording, _, fit in fitted:
-        X = recording.reference[np.isfinite(recording.reference).all(axis=1)]
+        X = recording.reference[placed(recording)]
         time = np.linspace(0.0, recording.time[-1] - recording.time[0], 24)
         sampling = Sampling.of(fit, time, X, np.ones(len(X)), 1.0)
         motion = sampling.motion(fit.c)

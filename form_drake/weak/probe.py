@@ -21,7 +21,7 @@ from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.release import released
 from form_drake.weak.stress import elastic_part, unit_stresses
 from form_drake.weak.system import Row
-from form_drake.weak.tangent import State, Tangent, tangent
+from form_drake.weak.tangent import State, Tangent, tangent, under
 from form_drake.weak.windows import Windows
 
 POINTS = 2**15  # at all times together, whose stresses are differentiated at once
@@ -261,7 +261,10 @@ class Probe:
                 axes=self.released,
                 pressure=None if motion.pressure is None else motion.pressure[at],
             )
-            return tangent(law, state, values, theta, material=material, rates=rates)
+            met = tangent(law, state, values, theta, material=material, rates=rates)
+            if state.pressure is None:
+                return met
+            return under(met, motion.F[at], state.pressure, material=material)
 
         width = float(np.diff(self.windows.ends, axis=1).min())
         step = float(np.median(np.diff(motion.time)))

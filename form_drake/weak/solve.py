@@ -155,14 +155,17 @@ def balanced(noise: Blocks, scale: np.ndarray, A: np.ndarray, b: np.ndarray) -> 
 
 
 def solved(A: np.ndarray, b: np.ndarray, by: Weights) -> Solution:
-    """Generalised least squares with the given weights."""
+    """Generalised least squares with the given weights; of fewer rows than columns, of no condition."""
     if not A.shape[1]:  # nonlinear constants alone are sought
         none = np.zeros(0)
         return Solution(none, np.zeros((0, 0)), b, 1.0, float(len(b)), none)
     white, target = by.white(A), by.white(b)
     length = np.linalg.norm(white, axis=0)
     safe = np.where(length > TINY, length, 1.0)
-    U, s, Vt = np.linalg.svd(white / safe, full_matrices=False)
+    rows, columns = white.shape
+    U, s, Vt = np.linalg.svd(white / safe, full_matrices=rows < columns)
+    lost = max(columns - rows, 0)
+    U, s = np.pad(U, ((0, 0), (0, lost))), np.pad(s, (0, lost))
     s = np.maximum(s, 1e-12 * max(s[0], TINY))
     theta = (Vt.T @ ((U.T @ target) / s)) / safe
     covariance = (Vt.T / s**2) @ Vt / np.outer(safe, safe)

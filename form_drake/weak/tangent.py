@@ -1,11 +1,12 @@
 """How the stress that a row integrates changes with the motion, all at a point in one kernel."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
 
 from form_drake.laws import Law, Values
+from form_drake.motion.motion import cofactor, determinant
 from form_drake.weak.derivatives import paired, strides, tangents
 from form_drake.weak.kernels import constants, loaded, matrices, numbers, real
 from form_drake.weak.stress import ALONE
@@ -104,6 +105,27 @@ def tangent(
     by_F, by_L, by_trial = (a.reshape(-1, *shape[1:], 9, 3, 3) if len(a) else None for a in out)
     assert by_F is not None
     return Tangent(stress.reshape(*shape, 3, 3), by_F, by_L, by_trial)
+
+
+def under(met: Tangent, F: np.ndarray, pressure: np.ndarray, *, material: bool = False) -> Tangent:
+    """A stress and its derivatives beside a Cauchy pressure that does not change with F.
+
+    Args:
+        met: the stress alone, at ``F``.
+        F: deformation gradients, shape [..., 3, 3].
+        pressure: [Pa], shape [...].
+        material: as of ``tangent``.
+    """
+    C, J = cofactor(F), determinant(F)[..., None, None]
+    p, one = pressure[..., None, None], np.eye(3)
+    if material:  # -J p F^-T
+        G = C / J
+        stress = met.stress - p * C
+        slope = np.einsum("...ij,...kl->...ijkl", G, C) - np.einsum("...il,...kj->...ijkl", G, C)
+    else:
+        stress = met.stress - p * J * one
+        slope = np.einsum("ij,...kl->...ijkl", one, C)
+    return replace(met, stress=stress, by_F=met.by_F - p[..., None] * slope.reshape(met.by_F.shape))
 
 
 def stride(
