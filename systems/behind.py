@@ -156,8 +156,7 @@ class Behind(LeafSystem):
             given, what = found
             left_out = found if what is None else self._thread.hand((given, what))
             result = result if left_out is None else result.without(left_out[0])
-        done = None if given == -np.inf else self._thread.taken()
-        if done is not None:
+        while given > -np.inf and (done := self._thread.taken()) is not None:
             result = replace(result, time=done[0], value=done[2])
         return _Kept(result, None, given)
 
