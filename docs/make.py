@@ -292,7 +292,7 @@ def full_recording() -> Recording:
 
     alike = np.tile(np.eye(3), (SIZES["points"], 1, 1))
     recording = Recording(
-        **{**_arrays(Recording), "covariance": alike},
+        **{**_arrays(Recording), "covariance": alike, "face": np.zeros(SIZES["points"], int)},
         noise=1.0,
         density=1.0,
         mass_scale=2.0,
@@ -307,7 +307,7 @@ def full_recording() -> Recording:
         joints=stream(SIZES["joints"]),
         cameras={"NAME": Camera(np.eye(3), np.eye(4), np.zeros(5), (640, 480))},
         geometry={"shape": "box"},
-        contact={"floor": "frictionless"},
+        contact={"z-": "frictionless floor"},
         source="somewhere",
     )
     held = vars(recording)

@@ -94,11 +94,7 @@ def _run(arguments: list[str]) -> None:
 
 def _quietly(action: Callable[[], object]) -> None:
     """Do something whose libraries write to standard error where a driver is missing."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # it is closed
-        action()
-        return
+    kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
@@ -107,6 +103,13 @@ def _quietly(action: Callable[[], object]) -> None:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
+
+
+def _open() -> None:
+    """Open to nowhere what standard streams are closed, lest a file be written in their place."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def _unheard() -> None:
@@ -120,6 +123,7 @@ def _unheard() -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    _open()
     try:
         _run(sys.argv[1:] if arguments is None else arguments)
     except BrokenPipeError:  # the reader of the output has seen enough

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -18,13 +19,25 @@ MARK = ".form-drake"
 
 
 class PlainLoader(yaml.SafeLoader):
-    """The safe loader, without aliases: a few of them can stand for gigabytes."""
+    """The safe loader, without aliases, a few of which can stand for gigabytes, and without repeated keys."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose a node that is no alias."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("aliases are not read")
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """A mapping in which every key stands once."""
+        found = super().construct_mapping(node, deep)
+        if len(found) < len(node.value):
+            keys = Counter(self.construct_object(key) for key, _ in node.value)
+            key = str(keys.most_common(1)[0][0])[:60]
+            line = node.start_mark.line + 1
+            raise yaml.YAMLError(
+                f"{key} is given twice in the entries from line {line} on: keep one"
+            )
+        return found
 
 
 def target(path: Path) -> Path:

@@ -1,17 +1,18 @@
 """YAML files of scenarios: what they inherit, changes by path, and keys that there are."""
 
 import dataclasses
-import math
 import typing
 from collections.abc import Mapping
 from importlib.abc import Traversable
 from importlib.resources import files
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import yaml
 
-from form_drake.files import read_mapping
+from form_drake.files import PlainLoader, read_mapping
+from form_drake.laws.values import finite
 
 DEEPEST = 8  # of inheritance
 
@@ -89,7 +90,7 @@ def change(content: dict[str, Any], told: str) -> None:
 
 def _parsed(told: str, text: str) -> Any:
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, PlainLoader)
     except yaml.YAMLError as error:
         said = " ".join(str(error).split())
         raise ValueError(f"--set {told}: what follows = is no YAML: {said}") from None
@@ -99,7 +100,7 @@ def check(schema: Any, content: Any, where: str) -> None:
     """Refuse keys that no dataclass has a field for, and what is no number, list or mapping where one is due.
 
     Args:
-        schema: dataclass or type.
+        schema: dataclass, type of Drake's with fields, or other type.
         content: what a file holds for it.
         where: path of it in the file.
 
@@ -108,8 +109,10 @@ def check(schema: Any, content: Any, where: str) -> None:
     """
     if schema is float and (isinstance(content, bool) or not isinstance(content, int | float)):
         raise ValueError(f"{where}: a number is wanted, got {content!r}")
-    if schema is float and not math.isfinite(content):
-        raise ValueError(f"{where}: a finite number is wanted, got {content}")
+    if isinstance(content, int | float) and not isinstance(content, bool):
+        finite(where, content)
+    if isinstance(schema, UnionType) and content is not None:
+        check(typing.get_args(schema)[0], content, where)
     if typing.get_origin(schema) is list:
         if not isinstance(content, list):
             raise ValueError(f"{where}: a list is wanted, got {content!r}")
@@ -120,11 +123,14 @@ def check(schema: Any, content: Any, where: str) -> None:
             raise ValueError(f"{where}: entries are wanted, got {content!r}")
         for key, item in content.items():
             check(typing.get_args(schema)[1], item, f"{where}.{key}")
-    if not dataclasses.is_dataclass(schema):
+    fields = getattr(schema, "__fields__", None)  # of a type of Drake's
+    if dataclasses.is_dataclass(schema):
+        fields = dataclasses.fields(schema)
+    if fields is None:
         return
     if not isinstance(content, Mapping):
         raise ValueError(f"{where or 'a file'} holds entries, got {content!r}")
-    allowed = {f.name: f.type for f in dataclasses.fields(schema)}
+    allowed = {f.name: f.type for f in fields}
     for key, value in content.items():
         place = f"{where}.{key}" if where else str(key)
         if key not in allowed:

@@ -277,13 +277,16 @@ def _cameras(
         scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
     for name, config in scenario.cameras.items():
         config.name, config.renderer_name, config.renderer_class = name, "vtk", ""
-        ApplyCameraConfig(
-            config=config,
-            builder=builder,
-            plant=plant,
-            scene_graph=scene_graph,
-            lcm=DrakeLcm("memq://null"),  # pictures go to ports alone
-        )
+        try:
+            ApplyCameraConfig(
+                config=config,
+                builder=builder,
+                plant=plant,
+                scene_graph=scene_graph,
+                lcm=DrakeLcm("memq://null"),  # pictures go to ports alone
+            )
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(f"cameras.{name}: {' '.join(str(error).split())[:300]}") from None
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         for port in ("color_image", "depth_image_32f", "image_time"):
             builder.ExportOutput(sensor.GetOutputPort(port), f"{name}.{port}")

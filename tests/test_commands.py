@@ -31,7 +31,7 @@ from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS
 from form_drake.libraries import DEBIAN
 from form_drake.mpm.bodies import rigid_velocity
-from form_drake.records import States, write_recording
+from form_drake.records import States, Stream, write_recording
 
 STEPS = Path(__file__).parent / "data" / "steps" / "fixed-corotated.npz"
 TRUTH = {"mu": 3766.1438712154586, "lam": 24571.85343589163}
@@ -186,6 +186,109 @@ def test_check_says_what_a_file_holds(capsys, files):
         assert code == 0 and err == "" and "fixed-corotated" in out
 
 
+CAMERA = """{size: [640, 480], K: [[4000, 0, 320], [0, 4000, 240], [0, 0, 1]],
+    distortion: [0, 0, 0, 0, 0], X_WC: [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.3], [0, 0, 0, 1]]}
+"""
+RIG = f"""
+form_drake_rig: 1
+rate: 60.0
+low: [-0.01, -0.01, 0.0]
+high: [0.01, 0.01, 0.02]
+face: z+
+cameras:
+  left: {CAMERA}
+  right: {CAMERA}
+"""
+
+
+def written(folder, name, text):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def staged(folder):
+    """A recording of a box between a floor and a plate that does not move."""
+    time, grid = np.arange(3.0), np.indices((2, 2, 2)).reshape(3, -1).T * 0.01
+    plate = Stream(time, np.tile(np.eye(4), (3, 1, 1)))
+    box = {"shape": "box", "low": "0 0 0", "high": "0.01 0.01 0.01"}
+    recording = Recording.from_arrays(
+        time,
+        np.tile(grid, (3, 1, 1)),
+        density=1000.0,
+        gravity=[0.0, 0.0, -9.81],
+        mass_scale=4.0,
+        geometry=box,
+        contact={"z-": "bonded floor", "z+": "frictionless plate", "other": "free"},
+        poses={"plate": plate},
+        forces={n: Stream(time, np.ones((3, 3))) for n in ("plate", "plate:joint-torque")},
+    )
+    write_recording(recording, folder / "staged.h5")
+    return recording
+
+
+def test_check_says_what_is_stated_of_a_box(capsys, here):
+    recording = staged(here)
+    found = json.loads(run(capsys, "check", "staged.h5", "--json")[1])
+    assert found["geometry"] == recording.geometry and found["contact"] == recording.contact
+    assert (found["gravity"], found["mass_scale"]) == ([0.0, 0.0, -9.81], 4.0)
+    assert found["streams"] == ["poses/plate", "forces/plate", "forces/plate:joint-torque"]
+    wrong = {
+        "low must be three numbers": {"geometry": {**recording.geometry, "low": "0 0"}},
+        "must lie below high": {"geometry": {**recording.geometry, "high": "0 0 0"}},
+        "contact x-: 'glued'": {"contact": {"other": "glued"}},
+        "no face names it": {"contact": {"z-": "bonded floor"}, "geometry": {}},
+    }
+    for message, changes in wrong.items():
+        write_recording(replace(recording, **changes), here / "wrong.h5")
+        line = refusal(capsys, "check", "wrong.h5")
+        assert line.startswith("form-drake: wrong.h5: ") and message in line
+
+
+def test_check_reads_rigs(capsys, here):
+    written(here, "rig.yaml", RIG)
+    found = json.loads(run(capsys, "check", "rig.yaml", "--json")[1])
+    assert (found["kind"], found["face"], found["spacing"]) == ("rig", "z+", None)
+    assert found["cameras"] == {"left": "640 x 480", "right": "640 x 480"} and found["points"] > 8
+    huge = written(here, "huge.yaml", RIG.replace("rate: 60.0", "rate: 1" + "0" * 400))
+    assert "huge.yaml: rate: a finite number is wanted" in refusal(capsys, "check", huge)
+    behind = written(here, "behind.yaml", RIG.replace("-1, 0.3]", "-1, -0.3]"))
+    assert "behind.yaml: the face lies behind" in refusal(capsys, "check", behind)
+
+
+OWN_EFFECT = """
+from form_drake.effects import Effect
+SYRUP = Effect("syrup", "it is thick", "1/s", (1.0, 9.0), lambda r, shape: r.X[:, 0], lambda w, c, s: w)
+"""
+SOFT = "form_drake_material: 1\nlaw: fixed-corotated\nparameters: {mu: 3.0, lam: 3.0}\n"
+
+
+def test_check_reads_the_effects_of_a_material(capsys, here):
+    soft = written(here, "soft.yaml", SOFT + "effects: [{id: syrup, coefficient: 2}]\n")
+    line = refusal(capsys, "check", soft)
+    assert "soft.yaml: effect 'syrup': choose from damping" in line and "--effects FILE" in line
+    own = written(here, "own.py", OWN_EFFECT)
+    found = json.loads(run(capsys, "check", soft, "--effects", own, "--json")[1])
+    assert found["effects"] == [{"id": "syrup", "coefficient": 2.0, "shape": {}, "std": None}]
+    soft.write_text(SOFT + "effects: [{id: drag, coefficient: 2, shape: {x: 1}}]\n")
+    assert "soft.yaml: effect drag: shape ['x'] is given" in refusal(capsys, "check", soft)
+    line = refusal(capsys, "check", written(here, "rig.yaml", "rate: 1"), "--effects", own)
+    assert "--effects belongs to a material" in line
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ("mu: 1.0e-320, lam: 1.0e+308", "parameters.E.value is not finite"),
+        ("mu: 3.0, lam: -3.0", "no E, nu, K follow from these parameters"),
+    ],
+)
+def test_values_without_modulus_are_refused(capsys, here, options, values, message):
+    path = written(here, "far.yaml", SOFT.replace("mu: 3.0, lam: 3.0", values))
+    line = refusal(capsys, "check", path, *options)
+    assert f"far.yaml: {message}" in line
+
+
 ANSWER = {"law", "method", "parameters", "condition", "seconds"}
 
 
@@ -264,6 +367,27 @@ def test_bad_predictions_are_refused(capsys, files, here, name, options, message
     assert not list(here.iterdir())
 
 
+UNUSED = {
+    "thrown": (("--drive", "force", "--scenario", "press_a"), "--scenario, --drive force: "),
+    "thrown alone": (("--effects", "own.py"), "leave out --effects: "),
+    "staged": (("--initial-velocity", "x"), "leave out --initial-velocity: "),
+    "staged by force": (("--drive", "force"), "leave out --drive force: staged.h5 lies beside no"),
+    "probed": (
+        ("--initial-velocity", "x", "--scenario", "a.yaml"),
+        "leave out --initial-velocity:",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNUSED)
+def test_options_of_no_use_are_refused(capsys, files, here, case):
+    options, message = UNUSED[case]
+    staged(here)
+    path = files / "steps.h5" if case.startswith("thrown") else "staged.h5"
+    assert message in refusal(capsys, "predict", files / "true.yaml", path, *options)
+    assert [p.name for p in here.iterdir()] == ["staged.h5"]
+
+
 def test_identify_prints_the_initial_motion(capsys, files, here, monkeypatch):
     answer = identify(read(files / "steps.h5"))
     found = {"initial_twist": {"value": TWIST, "std": [0.0] * 6}}
@@ -334,6 +458,7 @@ BAD_OPTIONS = {
     "stated noise": (("--observe", "positions", "--position-noise", "-1"), "negative"),
     "noise of steps": (("--add-noise", "1e-3"), "--add-noise applies to positions only"),
     "observe": (("--observe", "everything"), "everything"),
+    "seed": (("--seed", "-1"), "--seed: a whole number from 0 is wanted, got -1"),
     "initial velocity": (("--initial-velocity", "maybe"), "maybe"),
     "unknown option": (("--colour", "red"), "--colour"),
     "second file": (("b.h5",), "b.h5"),
@@ -345,6 +470,16 @@ def test_bad_options_are_refused(capsys, files, here, case):
     options, message = BAD_OPTIONS[case]
     assert message in refusal(capsys, "identify", files / "steps.h5", *options)
     assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["identify", "predict"])
+def test_a_file_of_ones_own_that_ends_the_program(capsys, files, here, verb):
+    own = written(here, "own.py", "import sys\nsys.exit(3)\n")
+    told = ("identify", files / "steps.h5", "--laws", own)
+    if verb == "predict":
+        staged(here)
+        told = ("predict", files / "true.yaml", "staged.h5", "--effects", own)
+    assert "own.py, line 2: SystemExit: 3" in refusal(capsys, *told)
 
 
 def test_no_declared_law_lists_the_laws(capsys, files, here):
@@ -460,6 +595,12 @@ def test_a_closed_pipe_is_silent(tmp_path, arguments):
     assert (done.returncode, done.stderr) == (141, "")
 
 
+def test_closed_streams_are_silent(tmp_path):
+    line = f"exec {sys.executable} -m form_drake --version <&- >&- 2>&-"
+    done = subprocess.run(["sh", "-c", line], cwd=tmp_path, check=False, timeout=300)
+    assert done.returncode == 0
+
+
 def test_a_full_disk_leaves_nothing(capsys, files, here, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
@@ -476,11 +617,20 @@ def test_the_demo_replaces_no_foreign_folder(capsys, here):
     assert [p.name for p in (here / "mine").iterdir()] == ["thesis.tex"]
 
 
-def test_a_missing_device_is_one_line(capsys, files, here):
-    arguments = ("predict", files / "true.yaml", files / "steps.h5", "--device", "cuda:99")
-    line = refusal(capsys, *arguments)
-    assert "cuda:99: no such device here, only cpu" in line
+@pytest.mark.parametrize("device", ["cuda:99", "cuda"])
+def test_a_missing_device_is_one_line(capfd, files, here, monkeypatch, device):
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: 0)
+    for words in (("predict", files / "true.yaml", files / "steps.h5"), ("bench", "speed")):
+        line = refusal(capfd, *words, "--device", device)
+        assert f"{device}: no such device here, only cpu" in line
     assert not list(here.iterdir())
+
+
+def test_a_diagram_is_drawn(capsys, here):
+    told = ("simulate", "press_b", "--set", "solver.dx=0.005", "--graphviz", "g.dot", "--json")
+    code, out, err = run(capsys, *told)
+    assert (code, json.loads(out), err) == (0, {"diagram": "g.dot"}, "written: g.dot\n")
+    assert (here / "g.dot").read_text().startswith("digraph")
 
 
 MISSING = "{}: cannot open shared object file: No such file or directory"

@@ -6,19 +6,24 @@ import yaml
 
 from form_drake.control import smooth
 from form_drake.identify import identify
+from form_drake.laws import LAWS
+from form_drake.material import Material
 from form_drake.records import read, write_recording
 from form_drake.systems.layers import named
 from form_drake.systems.probe import begin, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
 from form_drake.systems.scenario import (
     Waypoint,
+    declaring,
     held_out,
+    holding,
     load_scenario,
     scenario_text,
 )
 from form_drake.systems.station import make_station, specimen_corners
 
 COARSE = ("solver.dx=0.005", "solver.mass_scale=40", "measure.points=60")
+HUGE = "1" + "0" * 400
 PORTS = {
     "panda.position_measured",
     "panda.velocity_measured",
@@ -84,6 +89,20 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("solver.dx",), "NAME.NAME=VALUE"),
         ("press_a", ("measure.rate=0",), "measure.rate: a positive number"),
         ("press_a", ("measure.points=-1",), "measure.points: must not be negative"),
+        ("press_a", ("measure.seed=-1",), "measure.seed: must not be negative"),
+        ("press_a", ("measure.torque.seed=-1",), "measure.torque.seed: must not be negative"),
+        ("press_a", (f"measure={{noise: {HUGE}}}",), "measure.noise: a finite number is wanted"),
+        ("press_a", (f"solver={{per_cell: [{HUGE}]}}",), r"per_cell\[0\]: a finite number"),
+        ("press_a", (f"probe={{until_force: {HUGE}}}",), "probe.until_force: a finite number"),
+        ("press_a", ("specimen.faces.top=free",), "specimen.faces: no face 'top'; allowed are x-"),
+        ("press_a", ("specimen.faces={z+: foo}",), "faces.z.: 'foo'; allowed are free, unknown"),
+        ("press_a", ("specimen.faces={z+: bonded a b}",), "faces.z.: 'bonded a b'; allowed"),
+        ("press_a", ("specimen.faces={z+: free, z+: free}",), r"z\+ is given twice"),
+        ("press_a", ("specimen.known=[foo]",), "known: von-mises has no parameter 'foo': choose"),
+        ("press_a", ("specimen.law=rubber",), "unknown law 'rubber'"),
+        ("press_a", ("cameras.a=5",), "cameras.a holds entries, got 5"),
+        ("press_a", ("cameras.a={X_PB: 5}",), "cameras.a.X_PB holds entries, got 5"),
+        ("press_a", ("cameras.a={size: 5}",), "no cameras.a.size; allowed there are width"),
         ("press_a", ("specimen.size=[0.03, 0.03]",), "specimen.size: three numbers"),
         ("press_a", ("specimen.size.x=1",), "holds no entries"),
         ("press_a", ("probe.waypoints=[{t: 0}]",), r"no probe.waypoints\[0\].t"),
@@ -102,6 +121,15 @@ def test_bad_scenarios_are_one_line(name, change, said):
     with pytest.raises(ValueError, match=said) as caught:
         load_scenario(name, change)
     assert "\n" not in str(caught.value)
+
+
+def test_of_what_is_known_a_material_keeps_its_own():
+    values = {"C1": 1e4, "C2": 1.0, "C3": 1.0, "kappa": 1e5}
+    yeoh = Material(LAWS["yeoh"], values, 1000.0)
+    changes = (*holding(yeoh), declaring(["nu", "C3", "density"], yeoh.law))
+    assert load_scenario("press_a", changes).specimen.known == ["C3", "density"]
+    with pytest.raises(ValueError, match="known: yeoh has no parameter 'nu'"):
+        load_scenario("press_a", holding(yeoh))
 
 
 def test_inheritance_without_end(tmp_path):
@@ -123,6 +151,9 @@ def test_a_probe_of_hardly_a_frame_is_refused_before_it_runs(settle, rate):
     ("changes", "said"),
     [
         (("specimen.material.G=1e3",), "no parameter 'G'"),
+        (("specimen.material.density=0",), "density: must be positive, got 0"),
+        (("cameras.a={width: -5}",), "cameras.a: .* Width .-5. should be positive"),
+        (("cameras.a={X_PB: {base_frame: nope}}",), "cameras.a: .* no Frame named 'nope'"),
         (("specimen.size=[0.3, 0.3, 0.3]",), "1.4e.07 of them"),
         (("specimen.contact={anvil: 0.0}",), "no body anvil"),
         (("specimen.contact={specimen_stand: 0.1}",), "press_plate is not among"),

@@ -27,7 +27,7 @@ from form_drake.bench import (
     weak_form,
 )
 from form_drake.bench.curves import recordings
-from form_drake.commands.output import emit, say
+from form_drake.commands.output import device, emit, say
 from form_drake.files import target, write_json
 from form_drake.records import Recording, write_recording
 
@@ -198,6 +198,7 @@ class Speed(Cases):
 
     def run(self) -> None:
         """Run the bench."""
+        device(self.device)
 
         def run(store: Path, only: tuple[str, ...]) -> dict[str, Any]:
             with tqdm(unit="window", disable=None, delay=2, leave=False) as bar:

@@ -80,6 +80,8 @@ class Identify:
         report = None if self.report is None else out_file(self.report, ".html", option="--report")
         if not self.recording:
             raise ValueError("no recording is given: the PATH of one or more .h5 or .npz files")
+        if self.seed < 0:
+            raise ValueError(f"--seed: a whole number from 0 is wanted, got {self.seed}")
         if self.laws is not None:
             load(self.laws)
         recordings = [read(path) for path in self.recording]

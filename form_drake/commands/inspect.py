@@ -1,6 +1,8 @@
 """``form-drake list`` and ``form-drake check``: what there is, and what a file holds."""
 
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -8,12 +10,15 @@ from typing import Any, Literal
 import tyro
 
 from form_drake.commands.output import emit, say
-from form_drake.effects import CATALOGUE, Effect
+from form_drake.effects import CATALOGUE, Effect, load
+from form_drake.effects.acting import known
 from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
 from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Law, Term
-from form_drake.material import derived, read_material
+from form_drake.material import Material, derived, read_material
+from form_drake.motion import body
+from form_drake.motion.body import faces
 from form_drake.records import READERS, Recording, read
 
 
@@ -48,7 +53,7 @@ class List:
                 f"{n:14} {e['law']:20} {e['tool']:24} {e['seconds']} s" for n, e in found.items()
             ]
         else:
-            found = {n: _material(p) for n, p in material_files().items()}
+            found = {n: _material(read_material(p), p) for n, p in material_files().items()}
             lines = [f"{n:14} {e['law']:20} {e['file']}" for n, e in found.items()]
         emit("\n".join(lines), {self.what: found}, as_json=self.json)
         if self.what == "laws" and not self.json:
@@ -100,8 +105,7 @@ def _law(law: Law) -> dict[str, Any]:
     }
 
 
-def _material(path: Path) -> dict[str, Any]:
-    material = read_material(path)
+def _material(material: Material, path: Path) -> dict[str, Any]:
     return {
         "law": material.law.name,
         "parameters": material.to_json(),
@@ -112,28 +116,105 @@ def _material(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Check:
-    """Say what a recording, material or scenario file holds, or what is wrong with it."""
+    """Say what a recording, material, scenario or rig file holds, or what is wrong with it."""
 
     file: tyro.conf.Positional[Path]
-    """An .h5 or .npz recording, or a .yaml material or scenario."""
+    """An .h5 or .npz recording, or a .yaml material, scenario or rig."""
+    effects: Path | None = None
+    """Python file with effects of your own that a material names; it is executed."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
     def run(self) -> None:
         """Read the file with every check and print what it holds."""
         existing(self.file)
+        content = read_mapping(self.file) if self.file.suffix in (".yaml", ".yml") else None
+        kind = "material" if content and "form_drake_material" in content else "other"
+        if self.effects is not None and kind != "material":
+            raise ValueError(f"--effects belongs to a material, and {self.file} is none")
         if self.file.suffix in READERS:
-            found = {"kind": "recording", **_held(read(self.file))}
-        elif self.file.suffix in (".yaml", ".yml"):
-            if "form_drake_material" in read_mapping(self.file):
-                found = {"kind": "material", **_material(self.file)}
-            else:
-                found = {"kind": "scenario", **_scenario(self.file)}
-        else:
+            found = {"kind": "recording", **self._recording()}
+        elif content is None:
             allowed = ", ".join([*READERS, ".yaml"])
             raise ValueError(f"{self.file}: unknown kind of file; known endings: {allowed}")
+        elif kind == "material":
+            found = {"kind": kind, **self._material()}
+        elif "form_drake_rig" in content:
+            found = {"kind": "rig", **_rig(self.file)}
+        else:
+            found = {"kind": "scenario", **_scenario(self.file)}
+        for place in _endless(found, ""):
+            raise ValueError(
+                f"{self.file}: {place} is not finite: numbers in the file are too small or too large"
+            )
         lines = [f"{key:14} {_short(value)}" for key, value in found.items()]
         emit("\n".join(lines), found, as_json=self.json)
+
+    def _recording(self) -> dict[str, Any]:
+        recording = read(self.file)
+        try:
+            _stated(recording)
+        except ValueError as error:
+            raise ValueError(f"{self.file}: {error}") from None
+        return _held(recording)
+
+    def _material(self) -> dict[str, Any]:
+        material = read_material(self.file)
+        effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
+        try:
+            known(material.effects, effects)
+            found = _material(material, self.file)
+        except ValueError as error:
+            lost = any(one.id not in effects for one in material.effects)
+            more = "; --effects FILE adds your own" if lost else ""
+            raise ValueError(f"{self.file}: {error}{more}") from None
+        except ZeroDivisionError:
+            raise ValueError(
+                f"{self.file}: no {', '.join(derived(material.law))} follow from these parameters:"
+                " bulk and shear modulus cancel"
+            ) from None
+        return found | {"effects": [asdict(one) for one in material.effects]}
+
+
+def _stated(recording: Recording) -> None:
+    """Refuse what the weak form could not read of a recording's box and faces."""
+    cornered = {"low", "high"} & set(recording.geometry)
+    box = recording.geometry.get("shape") == "box" and cornered
+    for source in sorted({name.partition(":")[2] or "sensor" for name in recording.forces} or {""}):
+        one = recording.measured_by(source)
+        if box:
+            body(replace(one, density=one.density or 1.0))
+        else:
+            faces(one)
+
+
+def _rig(path: Path) -> dict[str, Any]:
+    from form_drake.perceive.rig import Rig
+
+    rig = Rig.read(path)
+    try:
+        points = len(rig.points())
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return {
+        "cameras": {name: " x ".join(map(str, c.size)) for name, c in rig.cameras.items()},
+        "rate": rig.rate,
+        "low": rig.low.tolist(),
+        "high": rig.high.tolist(),
+        "face": rig.face.name,
+        "half": rig.half,
+        "spacing": rig.spacing,
+        "points": points,
+    }
+
+
+def _endless(value: Any, place: str) -> Iterator[str]:
+    """Places of numbers that are not finite."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _endless(entry, f"{place}.{key}" if place else str(key))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield place
 
 
 def _short(value: Any) -> str:
@@ -160,10 +241,18 @@ def _held(recording: Recording) -> dict[str, Any]:
         "known": dict(recording.known),
         "noise_m": "unknown" if recording.noise is None else recording.noise,
         "density": recording.density,
+        "gravity": None if recording.gravity is None else recording.gravity.tolist(),
+        "mass_scale": recording.mass_scale,
+        "geometry": dict(recording.geometry),
+        "contact": dict(recording.contact),
         "solver": "not stated",
         "pairs": len(recording.states.pairs()) if recording.states else 0,
         "observe": most_observed(recording),
-        "streams": [*recording.poses, *recording.forces, *(["joints"] if recording.joints else [])],
+        "streams": [
+            *(f"poses/{name}" for name in recording.poses),
+            *(f"forces/{name}" for name in recording.forces),
+            *(["joints"] if recording.joints else []),
+        ],
         "arrays": arrays,
     }
     if solver is not None:

@@ -48,8 +48,10 @@ def device(name: str) -> None:
     import warp as wp
 
     try:
+        if name == "cuda" and not wp.get_cuda_device_count():  # Warp would print why
+            raise ValueError
         wp.get_device(name)
-    except ValueError:
+    except (RuntimeError, ValueError):
         names = ", ".join(d.alias for d in wp.get_devices())
         raise ValueError(
             f"--device {name}: no such device here, only {names}; CUDA needs an NVIDIA GPU and its"

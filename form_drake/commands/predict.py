@@ -83,6 +83,7 @@ class Predict:
         device(self.device)
         material = material.changed(assignments(self.set))
         how = self._how(recording)
+        self._refuse_unused(how)
         if material.effects and how == self._thrown:
             raise ValueError(
                 f"{self.material} has effects ({', '.join(e.id for e in material.effects)}): they act"
@@ -106,11 +107,28 @@ class Predict:
         stationed = self.scenario or self.recording.with_name("scenario.yaml").is_file()
         return self._probed if stationed or "shape" not in recording.geometry else self._staged
 
+    def _refuse_unused(self, how: Predicted) -> None:
+        """Refuse options that would change nothing."""
+        given = {
+            "--initial-velocity": self.initial_velocity is not None,
+            "--effects": self.effects is not None,
+            "--scenario": self.scenario is not None,
+            f"--drive {self.drive}": self.drive != "pose",
+        }
+        every = set(given)
+        if how == self._thrown:
+            idle, why = every - {"--initial-velocity"}, "is of a body that is thrown"
+        elif how == self._staged:
+            idle, why = every - {"--effects"}, "lies beside no scenario: poses drive its tools"
+        else:
+            idle, why = {"--initial-velocity"}, "is of a probe, which begins at rest"
+        unused = [option for option, on in given.items() if on and option in idle]
+        if unused:
+            raise ValueError(f"leave out {', '.join(unused)}: {self.recording} {why}")
+
     def _staged(
         self, material: Material, recording: Recording
     ) -> tuple[Recording, dict[str, Any], str]:
-        if self.drive != "pose":
-            raise ValueError(f"--drive {self.drive}: without a scenario, poses drive the tools")
         model = Model.of(material, self._catalogue)
         (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
         apart = predicted.p_WQ - recording.p_WQ

@@ -32,7 +32,7 @@ class Simulate:
     material: Path | None = None
     """Material file (YAML) of the specimen, effects and all; default: the scenario's own material."""
     out: Path | None = None
-    """Folder to write; default: runs/SCENARIO."""
+    """Folder to write; an earlier one is replaced as a whole; default: runs/SCENARIO."""
     field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
     """What colours the particles of the Meshcat page."""
     page: bool = True
@@ -56,18 +56,23 @@ class Simulate:
         """Simulate, then write recording, truth, effective scenario and page."""
         from form_drake.systems.pictures import seen_by_cameras
         from form_drake.systems.probe import largest_force, prepare, record, shown, truth
-        from form_drake.systems.scenario import holding, load_scenario, scenario_text
+        from form_drake.systems.scenario import declaring, holding, load_scenario, scenario_text
         from form_drake.systems.viewer import View
 
         device(self.device)
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
-        own = () if self.material is None else holding(read_material(self.material))
+        own: tuple[str, ...] = ()
+        if self.material is not None:
+            material, before = read_material(self.material), load_scenario(self.scenario)
+            own = (*holding(material), declaring(before.specimen.known, material.law))
         changes = (*own, *self.set, f"solver.device={self.device}")
         scenario = load_scenario(self.scenario, changes)
         if self.graphviz is not None:
             dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
             write_text(dot, prepare(scenario).diagram.GetGraphvizString())
+            if self.json:
+                emit("", {"diagram": str(dot)}, as_json=True)
             say(f"written: {dot}")
             return
         seen = self.perception is not None

@@ -62,7 +62,7 @@ class Seen:
         X, u, valid, time, used = tracks(recording, body, throughout=False)
         stated = recording.noise
         noise = noise_of(recording.time, u, valid) if stated is None else stated
-        symmetry = Symmetry.stated(recording.geometry.get("symmetry", ""))
+        symmetry = Symmetry.stated(str(recording.geometry.get("symmetry", "")))
         _covered(recording, symmetry)
         symmetry = symmetry if symmetric else Symmetry()
         u = centred(symmetry, body, X, u)

@@ -78,7 +78,7 @@ def executed(path: Path) -> ModuleType:
     sys.modules[module.__name__] = module
     try:
         exec(code, vars(module))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[module.__name__]
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if _is(f, path)]
         said = (str(error).splitlines() or [""])[0]

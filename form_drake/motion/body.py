@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from form_drake.records import Recording
+from form_drake.records.recording import FACES
 
-FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CONDITIONS = ("free", "unknown", "bonded", "frictionless", "touched")
 
 

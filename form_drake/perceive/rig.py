@@ -186,7 +186,7 @@ def _whole(name: str, value: Any) -> int:
 def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     try:
         found = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         found = np.full(1, np.nan)
     if found.shape != shape or not np.isfinite(found).all():
         words = (

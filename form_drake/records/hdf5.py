@@ -85,7 +85,7 @@ def read_recording(path: Path) -> Recording:
 
 def _read(file: h5py.File) -> Recording:
     version = file.attrs.get("form_drake_recording")
-    if version != VERSION:
+    if np.ndim(version) or version != VERSION:
         raise ValueError(
             f"form_drake_recording is {str(version)[:60]!r}; this release reads version {VERSION}"
         )
@@ -201,6 +201,9 @@ def read_solver(values: Mapping[str, Any]) -> Solver:
     unknown = set(values) - known
     if unknown:
         raise ValueError(f"solver: unknown entries {', '.join(sorted(unknown))}")
+    missing = [name for name in ("dx", "nodes") if name not in values]
+    if missing:
+        raise ValueError(f"solver: {' and '.join(missing)} must be stated")
     try:
         settings = dict(values)
         settings["nodes"] = tuple(int(n) for n in settings["nodes"])

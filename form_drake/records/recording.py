@@ -14,6 +14,7 @@ from form_drake.records.checks import check_arrays, check_consistency, check_str
 from form_drake.records.solver import Solver
 
 VERSION = 1
+FACES = tuple(axis + side for axis in "xyz" for side in "-+")
 
 
 def array(place: str, dims: str, unit: str, *, default: Any = None, kind: str = "f") -> Any:
@@ -118,7 +119,8 @@ class Recording:
         joints: robot joint positions.
         cameras: calibration by camera name.
         geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "size": "..."}.
-        contact: condition per surface: bonded, frictionless or a Coulomb coefficient in words.
+        contact: condition per face, x- to z+ or other: free, unknown, bonded, frictionless or touched, the
+            last three with the name of the tool or support, e.g. {"z-": "bonded floor", "other": "free"}.
         rest: intervals of rest [s], shape [intervals, 2].
         source: where the data came from.
     """
@@ -176,6 +178,18 @@ class Recording:
                 raise ValueError(f"{name}: must be positive and finite")
         if not 0 < self.mass_scale < np.inf:
             raise ValueError(f"mass_scale: must be positive and finite, got {self.mass_scale}")
+        if self.face is not None and not np.all((self.face >= -1) & (self.face < len(FACES))):
+            wrong = self.face[(self.face < -1) | (self.face >= len(FACES))][0]
+            raise ValueError(f"points/face: -1 to {len(FACES) - 1} are allowed, got {wrong}")
+        for name, words in self.contact.items():
+            if name not in (*FACES, "other"):
+                raise ValueError(
+                    f"contact: no face {name!r}; allowed are {', '.join(FACES)} and other"
+                )
+            if not isinstance(words, str):
+                raise ValueError(
+                    f"contact {name}: words such as 'bonded floor' are wanted, got {words!r}"
+                )
         if self.covariance is not None and not np.all(np.linalg.eigvalsh(self.covariance) > 0.0):
             raise ValueError("points/covariance: every matrix must be positive definite")
         if self.noise is not None and not 0 <= self.noise < np.inf:
