@@ -11,12 +11,12 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.sensors import CameraConfig
 
 from form_drake.laws import Law, law_named
-from form_drake.laws.values import ENGINEERING, checked_values, finite, has_lame
+from form_drake.laws.values import checked_values, finite
 from form_drake.material import Acting, Material
-from form_drake.motion.body import CONDITIONS, FACES
 from form_drake.systems.force import SensorErrors
 from form_drake.systems.layers import change, check, inherited
 from form_drake.systems.panda import PandaDriver
+from form_drake.systems.sensible import parameters, sensible
 
 
 @dataclass
@@ -265,7 +265,7 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
         found = yaml_load_typed(
             schema=Scenario, data=scenario_text(name, changes), defaults=Scenario()
         )
-        _sensible(found)
+        sensible(found)
         return found
     except AssertionError as error:  # of Drake's reader
         raise ValueError(f"scenario {name}: entries are wanted in the place of {error}") from None
@@ -290,12 +290,7 @@ def holding(material: Material) -> tuple[str, ...]:
 
 def declaring(known: Sequence[str], law: Law) -> str:
     """Change by which a scenario declares as known what a law has, of what it has declared."""
-    return f"specimen.known=[{', '.join(k for k in known if k in _parameters(law))}]"
-
-
-def _parameters(law: Law) -> tuple[str, ...]:
-    """What can be stated, and be known, of a material of a law."""
-    return (*law.keys, *(ENGINEERING if has_lame(law) else ()), "density")
+    return f"specimen.known=[{', '.join(k for k in known if k in parameters(law))}]"
 
 
 def held_out(scenario: Scenario) -> Scenario:
@@ -308,78 +303,6 @@ def held_out(scenario: Scenario) -> Scenario:
         raise ValueError(f"scenario {scenario.name} has no probe.unseen: add a path to test with")
     probe = dataclasses.replace(scenario.probe, waypoints=scenario.probe.unseen)
     return dataclasses.replace(scenario, probe=probe)
-
-
-def _sensible(scenario: Scenario) -> None:
-    """Refuse numbers that no station can have."""
-    specimen, solver, measure = scenario.specimen, scenario.solver, scenario.measure
-    positive = {
-        "solver.dx": solver.dx,
-        "solver.period": solver.period,
-        "solver.mass_scale": solver.mass_scale,
-        "measure.rate": measure.rate,
-    }
-    for name, value in positive.items():
-        if not 0.0 < value < math.inf:
-            raise ValueError(f"{name}: a positive number is wanted, got {value}")
-    triples = {
-        "specimen.size": specimen.size,
-        "specimen.p_WM": specimen.p_WM,
-        "solver.room": solver.room,
-        "probe.rpy_deg": scenario.probe.rpy_deg,
-    }
-    for name, values in triples.items():
-        if len(values) != 3 or not all(math.isfinite(v) for v in values):
-            raise ValueError(f"{name}: three numbers are wanted, got {values}")
-    positive_or_zero = {
-        "measure.points": measure.points,
-        "measure.noise": measure.noise,
-        "measure.seed": measure.seed,
-        "measure.sensor.seed": measure.sensor.seed,
-        "measure.torque.seed": measure.torque.seed,
-        "stereo.seed": scenario.stereo.seed,
-    }
-    for name, value in positive_or_zero.items():
-        if not 0 <= value < math.inf:
-            raise ValueError(f"{name}: must not be negative, got {value}")
-    _declared(specimen)
-    # read from a file, parts are changed after they were made
-    checked = {
-        "panda": scenario.panda,
-        "measure.sensor": measure.sensor,
-        "measure.torque": measure.torque,
-        "stereo": scenario.stereo,
-    }
-    for name, part in checked.items():
-        try:
-            part.__post_init__()
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
-    for name, camera in scenario.cameras.items():
-        if not (camera.rgb or camera.depth):
-            raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
-
-
-def _declared(specimen: Specimen) -> None:
-    """Refuse what nobody would read of a specimen's faces and known parameters."""
-    for name, words in specimen.faces.items():
-        if name not in (*FACES, "other"):
-            raise ValueError(
-                f"specimen.faces: no face {name!r}; allowed are {', '.join(FACES)} and other"
-            )
-        told = words.split()
-        if not 1 <= len(told) <= 2 or told[0] not in CONDITIONS:
-            raise ValueError(
-                f"specimen.faces.{name}: {words!r}; allowed are {', '.join(CONDITIONS)}, the last three"
-                " followed by the name of a tool or support"
-            )
-    allowed = _parameters(law_named(specimen.law))
-    for name in specimen.known:
-        if name not in allowed:
-            raise ValueError(
-                f"specimen.known: {specimen.law} has no parameter {name!r}: choose from"
-                f" {', '.join(allowed)}"
-            )
 
 
 def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool = False) -> str:

@@ -1,0 +1,88 @@
+"""Numbers and names of a scenario that no station can have, and what nobody would read."""
+
+import math
+from typing import TYPE_CHECKING
+
+from form_drake.laws import Law, law_named
+from form_drake.laws.values import ENGINEERING, has_lame
+from form_drake.motion.body import CONDITIONS, FACES
+
+if TYPE_CHECKING:
+    from form_drake.systems.scenario import Scenario, Specimen
+
+
+def parameters(law: Law) -> tuple[str, ...]:
+    """What can be stated, and be known, of a material of a law."""
+    return (*law.keys, *(ENGINEERING if has_lame(law) else ()), "density")
+
+
+def sensible(scenario: "Scenario") -> None:
+    """Refuse numbers that no station can have."""
+    specimen, solver, measure = scenario.specimen, scenario.solver, scenario.measure
+    positive = {
+        "solver.dx": solver.dx,
+        "solver.period": solver.period,
+        "solver.mass_scale": solver.mass_scale,
+        "measure.rate": measure.rate,
+    }
+    for name, value in positive.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name}: a positive number is wanted, got {value}")
+    triples = {
+        "specimen.size": specimen.size,
+        "specimen.p_WM": specimen.p_WM,
+        "solver.room": solver.room,
+        "probe.rpy_deg": scenario.probe.rpy_deg,
+    }
+    for name, values in triples.items():
+        if len(values) != 3 or not all(math.isfinite(v) for v in values):
+            raise ValueError(f"{name}: three numbers are wanted, got {values}")
+    positive_or_zero = {
+        "measure.points": measure.points,
+        "measure.noise": measure.noise,
+        "measure.seed": measure.seed,
+        "measure.sensor.seed": measure.sensor.seed,
+        "measure.torque.seed": measure.torque.seed,
+        "stereo.seed": scenario.stereo.seed,
+    }
+    for name, value in positive_or_zero.items():
+        if not 0 <= value < math.inf:
+            raise ValueError(f"{name}: must not be negative, got {value}")
+    _declared(specimen)
+    # read from a file, parts are changed after they were made
+    checked = {
+        "panda": scenario.panda,
+        "measure.sensor": measure.sensor,
+        "measure.torque": measure.torque,
+        "stereo": scenario.stereo,
+    }
+    for name, part in checked.items():
+        try:
+            part.__post_init__()
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+    for name, camera in scenario.cameras.items():
+        if not (camera.rgb or camera.depth):
+            raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
+
+
+def _declared(specimen: "Specimen") -> None:
+    """Refuse what nobody would read of a specimen's faces and known parameters."""
+    for name, words in specimen.faces.items():
+        if name not in (*FACES, "other"):
+            raise ValueError(
+                f"specimen.faces: no face {name!r}; allowed are {', '.join(FACES)} and other"
+            )
+        told = words.split()
+        if not 1 <= len(told) <= 2 or told[0] not in CONDITIONS:
+            raise ValueError(
+                f"specimen.faces.{name}: {words!r}; allowed are {', '.join(CONDITIONS)}, the last three"
+                " followed by the name of a tool or support"
+            )
+    allowed = parameters(law_named(specimen.law))
+    for name in specimen.known:
+        if name not in allowed:
+            raise ValueError(
+                f"specimen.known: {specimen.law} has no parameter {name!r}: choose from"
+                f" {', '.join(allowed)}"
+            )
