@@ -4,12 +4,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.bench import blind, blind_score
-from form_drake.bench.blind_score import digest, score, wilson
+from form_drake.bench import blind, blind_score, cases
+from form_drake.bench.blind_score import RATES, digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
 from form_drake.effects import CATALOGUE
@@ -96,6 +98,7 @@ def verdicts(key, seal, out):
     told(kinds["pair"][0][0], "named", *map(effect, kinds["pair"][0][1]))
     told(kinds["outside"][0][0], "unnamed")
     told(kinds["outside"][1][0], "named", effect("density"))
+    told(kinds["noise"][0][0], "error")
     head = {"code": "c", "seal": seal}
     out.write_text("".join(json.dumps(x) + "\n" for x in (head, *lines)))
 
@@ -110,14 +113,17 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
         "right class, strong singles": (2, 3),
         "right class and named": (1, 3),
         "false alarms on nulls": (1, 2),
+        "nulls, not told that nothing is missing": (1, 2),
         "out of catalogue, refused": (1, 2),
         "out of catalogue, refused without held-out": (1, 2),
         "out of catalogue, confidently misnamed": (1, 2),
         "near threshold, confidently wrong": (1, 1),
         "near threshold, right class": (0, 1),
         "pairs, both named": (1, 1),
-        "wrong noise, confident names": (0, 0),
+        "wrong noise, confident names": (0, 0),  # an error is no name that was not given
     }
+    assert found["rates"]["pairs, both named"]["exactly"] == 1
+    assert "; 1 exactly the two" in blind_score.table(found)
     assert found["gap"] == {"channels": 1, "excluded": 1, "after/before": 0.25, "closure": 0.9}
     assert found["placebos"] == {"cases": 1, "named": 0.9, "runner-up": 0.4, "drawn": 0.1}
     assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
@@ -134,6 +140,27 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     words = ["bench", "blind", "--seal", str(seal), "--score", str(out), "--key", str(key)]
     assert main(words) in (None, 0)
     assert "right class, strong singles" in capsys.readouterr().out
+
+
+def test_what_is_no_verdict_that_nothing_is_missing_is_counted_on_nulls():
+    alarm, other = (rate for name, (kind, rate) in RATES.items() if kind == "null")
+    for verdict in ("unnamed", "error"):
+        assert not alarm({"verdict": verdict}, {}) and other({"verdict": verdict}, {})
+    assert not other({"verdict": "none", "effects": []}, {})
+    truth = {"effects": {"drag": {}, "density": {}}}
+    three = {"verdict": "named", "effects": [*map(effect, ("drag", "density", "inclusion"))]}
+    assert blind_score._both(three, truth) and not blind_score._exactly(three, truth)
+    assert blind_score._exactly({**three, "effects": three["effects"][:2]}, truth)
+
+
+def test_what_thresholds_stand_on_is_in_the_fingerprint(tmp_path, monkeypatch):
+    monkeypatch.setattr(cases, "PACKAGE", tmp_path)
+    monkeypatch.setattr(cases, "ORACLES", tmp_path)
+    marks = []
+    for scores in ({}, {"drag": 1.0}):
+        (tmp_path / "nulls.json").write_text(json.dumps({"scores": scores}))
+        marks.append(cases.fingerprint())
+    assert marks[0] != marks[1]
 
 
 BODY = {"E": 30e3, "nu": 0.5}
@@ -178,7 +205,7 @@ def test_the_least_size_that_is_named_is_read_off_faint_cases():
         ("drag", 1.0, 1.0),  # not faint
         ("force-gain", 0.05, 0.0),
         ("yield", 0.05, 64.0),
-        ("inclusion", 0.5, 16.0),
+        ("inclusion", 2.0 / np.sqrt(16.0 + 2.0 * np.log(125.0)), 16.0),  # of 125 places
     ]
     results, truth = [], {}
     for n, (name, limit, scored) in enumerate(told):
@@ -234,6 +261,34 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
         blind.run_blind(drawn / "a.json", seal, out)
 
 
+@pytest.mark.parametrize(
+    ("there", "alone", "read", "held"),
+    [
+        (("press", "shake", "heldout"), False, ["press", "shake"], ["heldout"]),
+        (("press", "heldout"), False, ["press"], ["heldout"]),
+        (("press", "shake", "heldout"), True, ["press"], ["heldout"]),
+        (("press", "shake"), False, ["press", "shake"], []),
+    ],
+)
+def test_motions_of_a_case_are_taken_by_their_names(
+    tmp_path, monkeypatch, there, alone, read, held
+):
+    (tmp_path / "a").mkdir()
+    for name in there:
+        (tmp_path / "a" / f"{name}.h5").touch()
+    told = {}
+
+    def diagnosed(recordings, law, *, holdout, **how):
+        told.update(read=[r.name for r in recordings], held=[r.name for r in holdout])
+        raise ValueError("far enough")
+
+    monkeypatch.setattr(blind, "read", lambda path: SimpleNamespace(name=path.stem, law=None))
+    monkeypatch.setattr(blind, "diagnosed", diagnosed)
+    with pytest.raises(ValueError, match="far enough"):
+        blind._verdict(blind.cases_of(tmp_path)["a"], alone=alone, placebo=None)
+    assert told == {"read": read, "held": held}
+
+
 def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monkeypatch):
     seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
     broken = tmp_path / "broken"
@@ -265,6 +320,8 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     seal = str(drawn / "key-a.sha256")
     (tmp_path / "cases" / "a").mkdir(parents=True)
     (tmp_path / "cases" / "key.json").write_text("{}")
+    (tmp_path / "shakes" / "a").mkdir(parents=True)
+    (tmp_path / "shakes" / "a" / "shake.h5").touch()
     (tmp_path / "text").write_text("no hash")
     (tmp_path / "verdicts").write_text("{}\n{}\n")
     (tmp_path / "list").write_text('[{"id": "../a", "seed": 1, "kind": "null"}]')
@@ -289,6 +346,7 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
         (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),
+        (["--seal", seal, "--cases", str(tmp_path / "shakes")], "no press.h5 is in it"),
         (["--seal", str(tmp_path / "text"), "--cases", str(drawn / "a.json")], "of 64 digits"),
         (["--seal", seal, "--cases", seal], "no list of cases"),
         (["--seal", seal, "--cases", key], "no list of cases; each has id, seed and kind"),

@@ -11,6 +11,7 @@ from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block, noisy
 from form_drake.diagnose.prepare import read
+from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 
@@ -56,6 +57,27 @@ def test_what_the_grid_has_wrong_is_what_a_finer_one_changes():
     assert own == pytest.approx(noise + alike * np.outer(more, more), rel=1e-6, abs=1e-18)
 
 
+WRONG = {  # columns of effects of one's own, and what is said
+    "typo": (lambda reading, shape: reading.lod(-reading.v), "AttributeError, .*'lod'"),
+    "shape": (lambda reading, shape: reading.v, r"a column of shape \(.*, 3\), wanted \(\d+,\)"),
+    "number": (lambda reading, shape: np.nan * reading.load(reading.v), "its column is not finite"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_column_is_one_line_that_names_its_effect(wrong):
+    column, told = WRONG[wrong]
+    own = replace(CATALOGUE["drag"], id="own", column=column, trial=0.0)
+    with pytest.raises(ValueError, match=f"effect own: {told}"):
+        begun("frictionless", 0.3).columns(own, [{}])
+
+
+def test_a_wrong_switch_is_one_line_that_names_its_effect():
+    own = replace(CATALOGUE["drag"], id="own", world=lambda scene, size, shape: scene.none)
+    with pytest.raises(ValueError, match=r"effect own: AttributeError, .*'none'"):
+        begun("frictionless", 0.3).near(MODEL.more(own, 1.0, {}))
+
+
 def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     """And what a cause is worth, beside the law alone, are its standard deviations squared."""
     match, effect = begun("frictionless", 0.3), CATALOGUE["density"]
@@ -99,6 +121,18 @@ def test_a_twin_on_another_grid_has_the_same_gap():
     other = known.on(1.5)
     assert other.scenes.coarser == 1.5 and other.gap == pytest.approx(known.gap, abs=0.05)
     assert np.linalg.norm(other.grid) < 0.7 * np.linalg.norm(known.grid)
+
+
+def test_what_a_grid_has_wrong_is_known_before_far_more_is_said_to_be_missing(monkeypatch):
+    """Where noise is small, what a coarse grid has wrong is most of what is left."""
+    match = begun("frictionless", 0.3)
+    plain, known = (
+        m.seen_by(m.by, m.apart + 100.0 * np.abs(m.apart).max()) for m in (match, match.anchored())
+    )
+    assert known.gross and not plain.gross
+    monkeypatch.setattr(Match, "anchored", lambda self: known)
+    monkeypatch.setattr(Search, "settled", True)
+    assert matched(plain, rough=True) is known
 
 
 def test_a_softer_body_is_no_nearer_for_the_noise_that_it_takes_along():

@@ -16,7 +16,7 @@ from form_drake.__main__ import _parse
 from form_drake.commands.diagnose import Diagnose
 from form_drake.diagnose import Cause, Diagnosis, Model
 from form_drake.diagnose.advice import Advice
-from form_drake.diagnose.figures import places
+from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
 from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.prepare import probe as read_probe
@@ -285,6 +285,14 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     assert "before_after.html" not in page
 
 
+def test_held_out_motion_that_is_not_predicted_is_said_everywhere(diagnosis, tmp_path):
+    unsure = replace(diagnosis, unverified="it broke down")
+    assert str(unsure).endswith("held-out motion is not predicted: it broke down")
+    assert (unsure.verdict, unsure.to_json()["unverified"]) == ("ambiguous", "it broke down")
+    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    assert "verifies nothing: it broke down." in (tmp_path / "r.html").read_text()
+
+
 def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):
     causes = tuple(replace(c, std=np.inf) for c in diagnosis.naming.added)
     model = replace(diagnosis.naming.model, causes=causes)
@@ -324,6 +332,16 @@ def shaken(size=1e-3, points=40):
     seen = np.where(valid[..., None], swayed, np.nan)
     made = (seen, swayed + np.array([0.0, 5e-4, 0.0]), swayed + np.array([0.0, 0.0, 1e-4]))
     return [replace(still, p_WQ=p, p_reference=still.reference, valid=valid) for p in made]
+
+
+@pytest.mark.filterwarnings("error")
+def test_errors_of_held_out_tracks_are_drawn_where_they_are_measured():
+    seen, before, after = shaken()
+    lost = replace(seen, p_WQ=np.nan_to_num(seen.p_WQ))
+    for one in (seen, lost):
+        *_, axes = overlay(one, before, after).axes
+        for line, size in zip(axes.lines, (0.5, 0.1), strict=True):
+            assert line.get_ydata() == pytest.approx([np.nan] + [size] * (FRAMES - 1), nan_ok=True)
 
 
 def test_three_bodies_stand_beside_each_other():

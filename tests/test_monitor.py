@@ -88,6 +88,13 @@ def test_tracks_that_are_not_as_predicted_tell_where_and_when(watch):
     assert np.all(excess["force of plate"] < 1.0)
 
 
+def test_points_that_are_lost_raise_no_alarm(watch):
+    made = noisy(watch.predicted, np.random.default_rng(3))
+    valid = np.random.default_rng(4).random(made.p_WQ.shape[:2]) > 0.1
+    lost = replace(made, p_WQ=np.where(valid[..., None], made.p_WQ, 0.0), valid=valid)
+    assert watch.alarm(lost) is None
+
+
 def test_other_points_than_the_predicted_ones_are_refused(watch):
     few = replace(
         watch.predicted,

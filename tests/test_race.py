@@ -272,6 +272,33 @@ def test_what_takes_three_effects_is_not_in_the_catalogue(monkeypatch, missing, 
     assert [c.effect.id for c in found.added] == [s.effect.id for s in seen[: verdict.MOST]]
 
 
+@pytest.mark.parametrize(("others", "told"), [(1, "named"), (2, "ambiguous")])
+def test_what_is_added_later_is_no_rival_of_what_came_first(monkeypatch, others, told):
+    """Of two that both act one comes first, and the other as near; a third may do as well."""
+    seen = [score(name, 50.0) for name in ("drag", "damping")]
+    rivals = ("damping", "density")[:others]
+
+    def twin(count):
+        causes = tuple(Cause(s.effect, 1.0, {}) for s in seen[:count])
+        model = Model(LAWS["neo-hookean"], {}, causes)
+        found = SimpleNamespace(model=model, told=model, excess_left=0.0, chance=100.0)
+        found.lighter, found.worth = found, lambda n=-1: 100.0
+        return found
+
+    def added(found, *rest, last):
+        count = len(found.match.model.causes)
+        if count == len(seen):
+            return found, None
+        return replace(found, best=seen[count], rivals=() if count else rivals), twin(count + 1)
+
+    monkeypatch.setattr(verdict, "judged", lambda match, *rest: verdict.Found(match, ()))
+    monkeypatch.setattr(verdict, "_added", added)
+    monkeypatch.setattr(verdict, "matched", lambda match, **options: match)
+    monkeypatch.setattr(verdict.Match, "of", lambda *of: twin(0))
+    found = verdict.named(None, None, Model(LAWS["neo-hookean"], {}), [], {})
+    assert (found.verdict, found.passes[0].rivals) == (told, rivals[1:])
+
+
 def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
     def left(square, doubt=0.0):
         match = SimpleNamespace(excess_left=square - 100.0, chance=100.0)

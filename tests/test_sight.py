@@ -70,6 +70,18 @@ def test_nothing_stands_out_of_what_two_sides_show_and_the_moduli_are_found():
     assert sight.left @ sight.left < 1.1 * len(sight.left)
 
 
+@pytest.mark.parametrize("lost_as", [np.nan, 0.0])
+def test_what_is_lost_is_in_no_row(lost_as):
+    whole = block()
+    still = Stream(whole.time, np.zeros((len(whole.time), 3)), noise=PUSH)
+    whole = replace(whole, forces={"plate": still})
+    valid = np.random.default_rng(2).random(whole.p_WQ.shape[:2]) > 0.3
+    lost = replace(whole, p_WQ=np.where(valid[..., None], whole.p_WQ, lost_as), valid=valid)
+    sight = Sight(Scenes((lost,), (DX,)), Model(LAW, TRUTH), (whole,))
+    assert len(sight.apart) < 0.8 * whole.p_WQ.size
+    assert sight.apart == pytest.approx(np.zeros(len(sight.apart)))
+
+
 def test_what_the_grid_has_wrong_is_taken_off():
     sight = fitted()
     plain = sight.uncorrected

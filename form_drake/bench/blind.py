@@ -28,11 +28,12 @@ from form_drake.records import Recording, read
 from form_drake.workers import copies, forkable, unordered
 
 PROBES = ("press", "shake", "heldout")
+READ = ("press", "shake")  # of them, in a diagnosis
 SECONDS = 400.0  # a case takes about, on a core of its own
 PLACEBOS = 3  # one case of so many has placebos verified too
 TOP = 3  # effects that are told of simpler statistics
 
-Case = Callable[[], list[Recording]]
+Case = Callable[[], dict[str, Recording]]  # by probe
 Probes = Literal["all", "press", "faces"]
 
 
@@ -44,7 +45,7 @@ def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
         faces: whether those that are made again have points on two sides alone.
 
     Raises:
-        ValueError: there are none, or the folder holds a key.
+        ValueError: there are none, the folder holds a key, or a case has no press.
     """
     if path.is_file():
         return {one["id"]: lambda one=one: _made(one, faces=faces) for one in _listed(path)}
@@ -53,9 +54,12 @@ def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
     keys = [p.name for p in path.rglob("*") if "key" in p.stem and p.suffix == ".json"]
     if keys:
         raise ValueError(f"{path}: holds {keys[0]}; the truth must lie elsewhere")
-    found = sorted(p.parent for p in path.glob("*/press.h5"))
+    found = sorted({p.parent for name in PROBES for p in path.glob(f"*/{name}.h5")})
     if not found:
         raise ValueError(f"{path}: no case there; a case is a folder with press.h5")
+    for folder in found:
+        if not (folder / "press.h5").is_file():
+            raise ValueError(f"{folder}: no press.h5 is in it, which every case has")
     return {folder.name: lambda folder=folder: _kept(folder) for folder in found}
 
 
@@ -73,17 +77,18 @@ def _listed(path: Path) -> list[dict[str, Any]]:
     return list(listed)
 
 
-def _kept(folder: Path) -> list[Recording]:
-    return [read(p) for p in (folder / f"{name}.h5" for name in PROBES) if p.is_file()]
+def _kept(folder: Path) -> dict[str, Recording]:
+    paths = {name: folder / f"{name}.h5" for name in PROBES}
+    return {name: read(path) for name, path in paths.items() if path.is_file()}
 
 
-def _made(one: Mapping[str, Any], *, faces: bool) -> list[Recording]:
+def _made(one: Mapping[str, Any], *, faces: bool) -> dict[str, Recording]:
     with TemporaryDirectory() as name:
         key, out = Path(name) / "key.json", Path(name) / "cases"
         words = ["--seed", str(one["seed"]), "--kind", one["kind"], "--noisy"]
         words += ["--faces"] if faces else []
         run("hidden_effects.py", *words, "--out", out, "--key", key)
-        return [recorded(out / one["id"] / probe) for probe in PROBES]
+        return {probe: recorded(out / one["id"] / probe) for probe in PROBES}
 
 
 def sealed(path: Path) -> str:
@@ -164,8 +169,8 @@ def run_blind(
         case, placebo, begun = every[name], _placebo(name, head["seal"]), _worked()
         try:
             if probes == "faces":
-                recordings, begun = case()[:2], _worked()
-                found = ranking(recordings)
+                recordings, begun = case(), _worked()
+                found = ranking([recordings[n] for n in READ if n in recordings])
             else:
                 found = _verdict(case, alone=probes == "press", placebo=placebo)
         except ValueError as error:
@@ -187,18 +192,19 @@ def _placebo(name: str, seal: str) -> int | None:
 
 
 def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
-    press, *more = case()
-    begun = _worked()
+    recordings, begun = case(), _worked()
+    chosen = READ[:1] if alone else READ
     found = diagnosed(
-        [press] if alone else [press, *more[:1]],
-        law_named(press.law or "neo-hookean"),
+        [recordings[n] for n in chosen if n in recordings],
+        law_named(recordings["press"].law or "neo-hookean"),
         effects=list(CATALOGUE.values()),
         thresholds=thresholds(),
-        holdout=more[1:],
+        holdout=[recordings["heldout"]] if "heldout" in recordings else [],
         placebo=placebo,
     )
     told = found.to_json()
-    kept = {k: told[k] for k in ("verdict", "failed", "effects", "values", "gap", "placebos")}
+    keys = ("verdict", "failed", "effects", "values", "gap", "unverified", "placebos")
+    kept = {k: told[k] for k in keys}
     passes = [
         {
             "residual": p["residual"],

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.diagnose.score import DETECTED, RADIUS
+from form_drake.diagnose.score import DETECTED, RADIUS, named_from
 from form_drake.diagnose.verdict import LEAST
+from form_drake.effects import CATALOGUE
 
 Truth = Mapping[str, Any]
 Size = Callable[[Mapping[str, Any], Truth], float | None]
@@ -117,9 +118,10 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
 def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Least sizes that are named beside those that were predicted, of single effects that are faint.
 
-    A score grows as the square of a size: the size at which half of such cases would exceed the
-    threshold is that of the case times the root of threshold over score. ``ratios`` are medians of
-    observed over predicted, by effect; none: most are not seen at all.
+    A score, and what it lost for the number of shapes, grow as the square of a size: the size at which
+    half of such cases would exceed the threshold is that of the case times the root of threshold over
+    score, with this. ``ratios`` are medians of observed over predicted, by effect; none: most are not seen
+    at all.
     """
     found: dict[str, list[float]] = {}
     for one in results:
@@ -130,12 +132,14 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
         size = SIZES[name](told["effects"][name], told["body"])
         if predicted is None or size is None:
             continue
-        least = predicted * np.sqrt(LEAST) / DETECTED
+        effect = CATALOGUE[name]
+        least = predicted * named_from(effect, LEAST) / DETECTED
         if name == "inclusion":
             least *= (RADIUS * min(told["body"]["size"])) ** 3
         if size < LINEAR * least:
             score = one["passes"][0]["scores"].get(name, 0.0)
-            least_seen = size * np.sqrt(LEAST / score) if score else np.inf
+            share = named_from(effect, LEAST) / named_from(effect, score) if score else np.inf
+            least_seen = size * share
             found.setdefault(name, []).append(float(abs(least_seen) / least))
     ratios = {name: float(np.median(values)) for name, values in sorted(found.items())}
     close = sum(1.0 / CLOSE <= r <= CLOSE for r in ratios.values())

@@ -18,12 +18,15 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def fingerprint(*inputs: Path) -> str:
-    """Digest of the package, the oracles, Warp, numpy and input files: a saved case counts only with it."""
+    """Digest of the package, the oracles, what both compute with, and input files.
+
+    A saved case counts only with it.
+    """
     digest = hashlib.sha256()
-    for name in ("warp-lang", "numpy"):
+    for name in ("warp-lang", "numpy", "scipy", "h5py"):
         digest.update(f"{name} {version(name)}\n".encode())
     for folder in (PACKAGE, ORACLES):
-        for source in sorted(folder.rglob("*.py")):
+        for source in sorted((*folder.rglob("*.py"), *folder.rglob("nulls.json"))):
             digest.update(f"{source.relative_to(folder)}\n".encode() + source.read_bytes())
     for path in sorted(inputs):
         digest.update(f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}".encode())

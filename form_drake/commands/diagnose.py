@@ -9,6 +9,7 @@ import tyro
 
 from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, diagnosed, thresholds
+from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import CATALOGUE, load
 from form_drake.files import target_folder, whole_folder
@@ -69,7 +70,9 @@ class Diagnose:
         if self.material is not None:
             start = Model.of(read_material(self.material), effects)
         paths = (*self.recording, *self.holdout)
-        _check(list(zip(paths, (*recordings, *holdout), strict=True)))
+        pairs = list(zip(paths, (*recordings, *holdout), strict=True))
+        _check(pairs)
+        _check_stated(pairs, len(recordings), self.dx)
         law = start.law if start else law_named(self._law(recordings[0]))
         limits = thresholds()
         found = diagnosed(
@@ -131,3 +134,16 @@ def _check(recordings: list[tuple[Path, Recording]]) -> None:
                 seen.p_WQ, other.p_WQ, equal_nan=True
             ):
                 raise ValueError(f"{name}: the same motion as {earlier}")
+
+
+def _check_stated(recordings: list[tuple[Path, Recording]], read: int, dx: float | None) -> None:
+    """Refuse recordings that could not be simulated or compared, the first ``read`` being read.
+
+    Raises:
+        ValueError: see ``require_stated``.
+    """
+    for n, (path, recording) in enumerate(recordings):
+        try:
+            require_stated(recording, dx, held_back=n >= read)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Model, Scenes, failure
 from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem, Rows
@@ -88,8 +88,7 @@ class Columns:
     def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
         if effect.trial:
             return self._changed(effect, shape)
-        assert effect.column is not None
-        return np.concatenate([effect.column(reading, shape) for reading in self.readings])
+        return np.concatenate([_read(effect, reading, shape) for reading in self.readings])
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
@@ -107,6 +106,25 @@ class Columns:
         found = np.zeros(sum(lengths))
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
         return found
+
+
+def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:
+    """An effect's column along one motion, shape [rows].
+
+    Raises:
+        ValueError: it fails, as one that a user declares may, or is no column.
+    """
+    assert effect.column is not None
+    try:
+        found = np.asarray(effect.column(reading, shape), dtype=float)
+    except Exception as error:
+        raise failure(effect.id, error) from error
+    rows = (int(reading.probe.keep.sum()),)
+    if found.shape != rows:
+        raise ValueError(f"effect {effect.id}: a column of shape {found.shape}, wanted {rows}")
+    if not np.isfinite(found).all():
+        raise ValueError(f"effect {effect.id}: its column is not finite")
+    return found
 
 
 def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) -> Parts:
@@ -155,9 +173,16 @@ def _placed(effect: Effect) -> bool:
 def twin_of(
     problem: Problem, scenes: Scenes, model: Model, made: Sequence[Recording] | None = None
 ) -> Problem:
-    """A simulation of scenes, unless it is ``made`` already, read as those of a problem."""
+    """A simulation of scenes, unless it is ``made`` already, read as those of a problem.
+
+    Raises:
+        ValueError: a simulation fails, or cannot be read.
+    """
     made = scenes.rolled(model) if made is None else made
-    return twin_problem(problem, scenes.recordings, lambda _: made, dict(model.values))
+    try:
+        return twin_problem(problem, scenes.recordings, lambda _: made, dict(model.values))
+    except ValueError as error:
+        raise ValueError(f"as simulated, {error}") from None
 
 
 def rest_of(rows: Rows, theta: np.ndarray) -> np.ndarray:

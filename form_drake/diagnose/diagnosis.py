@@ -11,10 +11,11 @@ from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.placebo import Placebo, placebos
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
-from form_drake.diagnose.verify import Channel, Check, Predicted
+from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
 from form_drake.effects import Effect
 from form_drake.laws import Law
 from form_drake.material import Material
+from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 from form_drake.workers import single
 
@@ -30,6 +31,7 @@ class Diagnosis:
         check: held-out motions; None: there are none, or nothing was added.
         after: the same, predicted with what was added.
         placebos: wrong effects beside those that were added, if they were asked for.
+        unverified: why held-out motions could not be predicted; "": they were, or there are none.
     """
 
     naming: Naming
@@ -38,6 +40,7 @@ class Diagnosis:
     check: Check | None = None
     after: Predicted | None = None
     placebos: tuple[Placebo, ...] = ()
+    unverified: str = ""
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -107,6 +110,8 @@ class Diagnosis:
             lines.append(f"{c.name:24} {numbers} {closed} {c.unit}")
         if self.check and self.check.unread:
             lines.append(f"the balance of held-out motion is not compared: {self.check.unread}")
+        if self.unverified:
+            lines += ["", f"held-out motion is not predicted: {self.unverified}"]
         for p in self.placebos:
             closed = ", ".join(f"{100.0 * c.closure:.0f} %" for c in p.channels if c.counts)
             lines.append(f"placebo {p.effect.id} closes {closed or 'what is too small to tell'}")
@@ -148,6 +153,7 @@ class Diagnosis:
             ],
             "advice": self.advice.to_json(),
             "gap": [c.to_json() for c in self.channels],
+            "unverified": self.unverified or None,
             "placebos": [p.to_json() for p in self.placebos],
         }
 
@@ -196,7 +202,9 @@ def diagnosed(
             "no recording holds a force: the scale of the moduli cannot be told; add"
             " forces={tool: Stream(...)} to one of them"
         )
-    scenes = Scenes.of(tuple(recordings), dx, device)
+    for recording in holdout:
+        require_stated(recording, dx, held_back=True)
+    scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx, device)
     progress("reading the tracks")
     given = {k: start.values[k] for k in law.constants("given")} if start else {}
     problem, found = read(scenes, law, given)
@@ -207,7 +215,11 @@ def diagnosed(
     if not holdout or not naming.added:
         return told
     progress("predicting the held-out motion")
-    check = Check.of(Scenes.of(tuple(holdout), dx, device), naming.passes[0].match)
+    try:
+        held = Scenes.of(tuple(sighted(r) for r in holdout), dx, device)
+        check = Check.of(held, naming.passes[0].match)
+    except ValueError as error:
+        return replace(told, unverified=str(error))
     try:
         told = replace(told, check=check, after=check.predicted(naming.match))
     except ValueError as error:

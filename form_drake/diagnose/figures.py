@@ -10,7 +10,7 @@ from form_drake.diagnose.ledger import Ledger
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause
 from form_drake.diagnose.score import Score
-from form_drake.diagnose.verify import Channel
+from form_drake.diagnose.verify import Channel, there
 from form_drake.records import Recording
 
 
@@ -174,7 +174,11 @@ def overlay(seen: Recording, before: Recording, after: Recording) -> Any:
         )
         for t in tools
     ]
-    moved = [np.linalg.norm(r.p_WQ - seen.p_WQ, axis=2) for r in (before, after)]
+    use = there(seen)
+    count = np.where(use.any(axis=1), use.sum(axis=1), np.nan)
+    squares = [
+        np.where(use, np.sum((r.p_WQ - seen.p_WQ) ** 2, axis=2), 0.0) for r in (before, after)
+    ]
     for n, (label, curves) in enumerate(rows):
         axes = figure.add_subplot(len(rows) + 1, 1, n + 1)
         for (time, value), name, style in zip(
@@ -184,8 +188,8 @@ def overlay(seen: Recording, before: Recording, after: Recording) -> Any:
         axes.set_ylabel(label)
         axes.legend(frameon=False)
     axes = figure.add_subplot(len(rows) + 1, 1, len(rows) + 1)
-    for error, name in zip(moved, ("before", "after"), strict=True):
-        axes.plot(seen.time - seen.time[0], 1e3 * np.sqrt(np.nanmean(error**2, axis=1)), label=name)
+    for square, name in zip(squares, ("before", "after"), strict=True):
+        axes.plot(seen.time - seen.time[0], 1e3 * np.sqrt(square.sum(axis=1) / count), label=name)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("distance of tracks, rms [mm]")
     axes.legend(frameon=False)

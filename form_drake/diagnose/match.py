@@ -133,8 +133,9 @@ class Match(Projected):
 
     @property
     def gross(self) -> bool:
-        """Whether far more is missing than any grid has wrong."""
-        return float(np.linalg.norm(self.gap)) > GROSS * self.size
+        """Whether far more is missing than any grid has wrong, which must be known: noise that is small
+        makes it as much as anything."""
+        return self.grid is not None and float(np.linalg.norm(self.gap)) > GROSS * self.size
 
     @property
     def far(self) -> bool:

@@ -8,7 +8,7 @@ from form_drake.diagnose.advice import Limit
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
 from form_drake.diagnose.ledger import BOOKS, Ledger
-from form_drake.diagnose.score import DETECTED, Score
+from form_drake.diagnose.score import DETECTED, Score, named_from
 from form_drake.diagnose.verdict import LEAST
 from form_drake.diagnose.verify import Channel
 from form_drake.report import Report
@@ -42,6 +42,9 @@ def diagnosis_page(
     _passes(page, found, thresholds)
     if found.channels:
         _held_out(page, found, played)
+    if found.unverified:
+        page.heading("Held-out motion")
+        page.paragraph(f"It is not predicted, and verifies nothing: {found.unverified}.")
     _next(page, found, thresholds, command)
     page.heading("Not verified")
     page.paragraph(UNVERIFIED)
@@ -194,7 +197,8 @@ def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], comma
     )
     page.paragraph(
         "Seen are five standard deviations, at the place and direction at which the effect explains"
-        " most; named is what exceeds its threshold. Missed are likely sizes, evenly by their"
+        " most, or the median over all where it explains nothing; named is what exceeds its threshold,"
+        " which is the higher the more places and directions are tried. Missed are likely sizes, evenly by their"
         " logarithm, that are not seen."
     )
 
@@ -202,7 +206,7 @@ def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], comma
 def _naming(one: Limit, thresholds: Mapping[str, float]) -> float:
     """Times the least size that is seen, at which a score exceeds its threshold."""
     wanted = max(thresholds.get(one.effect.id, 0.0), LEAST)
-    return float(np.sqrt(wanted)) / DETECTED
+    return named_from(one.effect, wanted) / DETECTED
 
 
 def _size(one: Limit, share: float) -> str:

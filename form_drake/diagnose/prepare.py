@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.diagnose.model import FIRM, Model, Scenes, firm
+from form_drake.identify.options import Weighed
 from form_drake.identify.problem import Problem
 from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.motion import body, fit_tracks
 from form_drake.records import Recording
+from form_drake.weak.choice import seen_through
 from form_drake.weak.contact import HeldFields, OpenFields, seeing, tests
 from form_drake.weak.fields import BoxFields, Fields
 from form_drake.weak.probe import Probe
@@ -26,6 +28,7 @@ UNKNOWN = (
 )  # bulk by shear modulus where the first is not to be believed: Poisson's ratio is a third
 APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
+TURNED = 0.5  # of what forces leave, less than which they leave where their sign is turned
 CLEAR = 1.0  # of the grid spacing, kept from held faces
 
 
@@ -50,7 +53,7 @@ def probe(recording: Recording, name: str, dx: float, stride: float = STRIDE) ->
     shape = body(recording)
     last = float(recording.time[-1] - recording.time[0])
     width = min(WINDOW, last)
-    ends = even(0.0, last, width, stride * width)
+    ends = seen_through(even(0.0, last, width, stride * width), recording.time)
     fit = fit_tracks(recording, shape, symmetric=False)
     made = prepared(recording, name, fields(recording, dx), ends, shape, fit)
     return replace(made, keep=made.keep & seeing(made.fields, made.windows))
@@ -60,20 +63,49 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     """The problem of all recordings, and what it says of the law without a twin.
 
     Raises:
-        ValueError: constants of the law that must be given are not, or a recording lacks what the
-            balance needs.
+        ValueError: constants of the law that must be given are not, a recording lacks what the
+            balance needs, or forces seem to be of the other sign.
     """
     require_given(law.name, [k for k in law.constants("given") if k not in known])
     unknowns = Unknowns.of(law, known, "law")
     problem, few = (problem_of(scenes, unknowns, stride) for stride in (STRIDE, APART))
     balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]
     found = weighing(replace(few, probes=tuple(balance)))
+    require_sign(found)
     theta = problem.unknowns.theta(found.solution.theta)
     values = {**known, **problem.values(found.eta)}
     terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}
     values = {**values, **terms}
     K, G = law.moduli(values)
     return problem, Model(law, firm(law, values, known, UNKNOWN) if K < FIRM * G else values)
+
+
+def require_sign(found: Weighed) -> None:
+    """Refuse forces under which a body has no stiffness, or that fit far worse than with the other sign.
+
+    Raises:
+        ValueError: they are such, and would be those of a body with the other sign.
+    """
+    (left, stiff), (less, real) = (_signed(found, sign) for sign in (1.0, -1.0))
+    if real and (not stiff or less < TURNED * left):
+        raise ValueError(
+            "forces would be those of a body with the other sign: they are those of the material on the"
+            " tool; is their sign turned, or their zero far off?"
+        )
+
+
+def _signed(found: Weighed, sign: float) -> tuple[float, bool]:
+    """Square that the law leaves of whitened rows, and whether moduli stand above their floors."""
+    probes = [
+        replace(p, forces={k: replace(f, value=sign * f.value) for k, f in p.forces.items()})
+        for p in found.problem.probes
+    ]
+    problem = replace(found.problem, probes=tuple(probes), offset=None)
+    system = problem.system(found.eta, problem.unknowns.theta(found.solution.theta))
+    solution, floors = problem.solved(system, found.by), problem.floors(system)
+    positive = np.isfinite(floors)
+    stiff = not positive.any() or np.any(solution.theta[positive] > 2.0 * floors[positive])
+    return float(np.sum(found.by.white(solution.residual) ** 2)), bool(stiff)
 
 
 def problem_of(scenes: Scenes, unknowns: Unknowns, stride: float = STRIDE) -> Problem:

@@ -6,7 +6,7 @@ residual's square its column takes: chi-square with one degree of freedom where 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,8 @@ class Score:
         std: of it.
         score: what it takes of the residual's square, less 2 ln of the number of shapes; not
             below zero.
-        limit: least size that these rows would show.
+        limit: least size that these rows would show at that shape; of no score, that at half of the
+            shapes.
         column: whitened, projected, of unit length, shape [rows].
     """
 
@@ -58,6 +59,12 @@ def shapes(effect: Effect, body: Body) -> list[dict[str, float]]:
     return [dict(zip("xyz", place.tolist(), strict=True)) | {"radius": radius} for place in grid]
 
 
+def named_from(effect: Effect, wanted: float) -> float:
+    """Size at which an effect scores as much on average, in standard deviations at its shape."""
+    count = PLACES**3 if "radius" in effect.shapes else len(effect.grid())
+    return float(np.sqrt(wanted + 2.0 * np.log(count)))
+
+
 def scores(match: Projected, effects: Iterable[Effect]) -> list[Score]:
     """Every effect at the shape that explains most, best first.
 
@@ -74,26 +81,28 @@ def scores(match: Projected, effects: Iterable[Effect]) -> list[Score]:
 
 
 def scored(match: Projected, effect: Effect, tried: Sequence[Shape]) -> Score:
-    """One effect at the best of some shapes."""
-    return ranked(match, effect, tried)[0]
+    """One effect at the best of some shapes; where none is seen, its limit is their median."""
+    best, *others = ranked(match, effect, tried)
+    limits = [one.limit for one in (best, *others) if one.limit < UNSEEN]
+    return best if best.score or not limits else replace(best, limit=float(np.median(limits)))
 
 
 def ranked(match: Projected, effect: Effect, tried: Sequence[Shape]) -> list[Score]:
-    """One effect at some shapes, best first."""
+    """One effect at some shapes, best first, also of those whose scores are zero."""
     columns = match.off(match.columns(effect, tried))
     length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
     unit = columns / length
     wanted = unit.T @ match.left
     least = effect.least if effect.signed else 0.0
     taken = np.clip(wanted, least * length, effect.most * length)
-    gain = np.maximum(taken * (2.0 * wanted - taken) - 2.0 * np.log(len(tried)), 0.0)
+    gain = taken * (2.0 * wanted - taken) - 2.0 * np.log(len(tried))
     every = [
-        Score(effect, shape, float(c), float(std), float(g), DETECTED * float(std), u)
+        Score(effect, shape, float(c), float(std), max(float(g), 0.0), DETECTED * float(std), u)
         for shape, c, std, g, u in zip(
             tried, taken / length, 1.0 / length, gain, unit.T, strict=True
         )
     ]
-    return sorted(every, key=lambda one: -one.score)
+    return [every[n] for n in np.argsort(-gain, kind="stable")]
 
 
 def coherence(found: Sequence[Score]) -> np.ndarray:

@@ -142,7 +142,8 @@ def matched(
 
     Args:
         start: one of the same data, or a search that has begun.
-        rough: whether what the grid has wrong may stay unknown where far more than that is missing.
+        rough: whether what the grid has wrong may be that of a model which is another, where far more
+            than that is missing.
         progress: hears where the search is.
 
     Raises:

@@ -14,7 +14,7 @@ from form_drake.diagnose.columns import Key, Parts, parts
 from form_drake.diagnose.model import Model, Scenes, firm
 from form_drake.diagnose.prepare import CLEAR
 from form_drake.diagnose.projected import Projected
-from form_drake.diagnose.verify import tracking_noise
+from form_drake.diagnose.verify import there, tracking_noise
 from form_drake.effects import Effect, Shape
 from form_drake.identify.start import guesses
 from form_drake.laws import Law, Values
@@ -212,7 +212,7 @@ class Sight(Projected):
         found = []
         for seen, dx in zip(self.scenes.recordings, self.scenes.dx, strict=True):
             forces, shape = measured(seen, 0.0, float(np.ptp(seen.time))), body(seen)
-            valid = np.isfinite(seen.p_WQ).all(axis=2)
+            valid = there(seen)
             for face in shape.faces:
                 if face.condition != "free":
                     plane = (shape.low, shape.high)[face.side][face.axis]
@@ -238,7 +238,7 @@ def guessed(recording: Recording, law: Law, known: Values) -> Model:
     most = int(np.argmax(np.abs(force.value[:, face.axis])))
     frame = int(np.argmin(np.abs(recording.time - force.time[most])))
     moved = (recording.p_WQ[frame] - recording.reference)[:, face.axis]
-    seen = np.isfinite(moved)
+    seen = there(recording)[frame]
     strain = np.polyfit(recording.reference[seen, face.axis], moved[seen], 1)[0]
     stress = force.value[most, face.axis] * edges[face.axis] / np.prod(edges)
     modulus = abs(stress) / max(abs(strain), LEAST)

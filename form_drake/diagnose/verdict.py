@@ -1,6 +1,6 @@
 """Which effect is missing: scores against thresholds, one effect added after the other."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -128,12 +128,18 @@ def named(
         match, passes, idle = shed(after, passes, thresholds)
         gone.update(idle)
     added = match.told.causes[len(start.causes) :]
+    passes = without_rivals(passes, {c.effect.id for c in added} | gone)
     verdict: Verdict = "named" if added else "none"
     if passes[-1].best is not None or not passes[-1].enough:
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
     return Naming(tuple(passes), match, added, verdict, failed)
+
+
+def without_rivals(passes: Sequence[Found], ids: Set[str]) -> list[Found]:
+    """Passes without rivals that were added afterwards, or went again: they are no open question."""
+    return [replace(p, rivals=tuple(r for r in p.rivals if r not in ids)) for p in passes]
 
 
 def shed(

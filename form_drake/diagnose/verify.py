@@ -17,7 +17,7 @@ from form_drake.diagnose.noise import most
 from form_drake.diagnose.prepare import problem_of
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
-from form_drake.motion.tracks import jitter
+from form_drake.motion.tracks import jitter, placed
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
@@ -183,12 +183,10 @@ class Check:
                 )
                 for tool, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
             ]
-            u = [r.p_WQ - seen.reference for r in (seen, before, coarse, other)]
-            for name, unit, noise, values in [
-                (f"tracks {n}", "m", tracking_noise(seen), u),
-                *tools,
-            ]:
-                found.append(_channel(name, unit, noise, values))
+            use = there(seen)
+            u = [(r.p_WQ - seen.reference)[use] for r in (seen, before, coarse, other)]
+            tracks = (f"tracks {n}", "m", tracking_noise(seen), u)
+            found += [_channel(*one) for one in (tracks, *tools) if one[-1][0].size]
         if self.before.match is not None and after.match is not None:
             found.append(_balance(self.before.match, after.match))
         return found
@@ -219,24 +217,49 @@ def _balance(before: Match, after: Match) -> Channel:
     return Channel("balance", "sigma", was, now, floor, changed)
 
 
+def there(recording: Recording) -> np.ndarray:
+    """Which points are measured when, of those whose stress-free position is known, shape [frames, points]."""
+    found = np.isfinite(recording.p_WQ).all(axis=2) & placed(recording)
+    return found if recording.valid is None else found & recording.valid
+
+
+def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -> None:
+    """Refuse a recording that could not be simulated, or compared with its simulation.
+
+    Args:
+        recording: with the forces of one source.
+        dx: grid spacing [m]; None: chosen, see ``Scenes``.
+        held_back: whether it is compared sample by sample, which takes the noise of its tracks.
+
+    Raises:
+        ValueError: a face, poses, stress-free positions, a common clock or the noise are not stated.
+    """
+    _ = Scenes.of((recording,), dx).spacings  # refuses faces and poses that no stage can hold
+    measured(recording, 0.0, float(np.ptp(recording.time)))
+    lost = int(np.sum(~np.isfinite(recording.reference).all(axis=1)))
+    if lost:
+        raise ValueError(
+            f"{lost} points have no stress-free position: state p_reference, or leave them out"
+        )
+    if held_back and not np.isfinite(tracking_noise(recording)):
+        raise ValueError("how noisy its tracks are cannot be told: state noise [m]")
+
+
 def tracking_noise(recording: Recording) -> float:
     """Standard deviation of a measured coordinate [m], stated or from the jitter of the tracks."""
     if recording.noise is not None:
         return float(recording.noise)
-    valid = np.isfinite(recording.p_WQ).all(axis=2)
-    return jitter(recording.time, recording.p_WQ - recording.reference, valid)
+    return jitter(recording.time, recording.p_WQ - recording.reference, there(recording))
 
 
 def _channel(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -> Channel:
-    seen, before, coarse, other = values
-    grid = np.nan_to_num(before - coarse).ravel()
+    """Of what was measured, predicted without effects, on the coarse grid and with them."""
+    seen, before, coarse, other = (v.ravel() for v in values)
+    grid = before - coarse
     along = grid / max(float(np.linalg.norm(grid)), 1e-300)
-    use = np.isfinite(seen).ravel()
 
     def rms(a: np.ndarray) -> float:
-        flat = np.where(use, a.ravel(), 0.0)
-        flat = flat - along * (along @ flat)
-        return float(np.sqrt(flat @ flat / use.sum()))
+        return float(np.sqrt(np.mean((a - along * (along @ a)) ** 2)))
 
     size = float(np.sqrt(np.mean(grid**2)))
     return Channel(name, unit, rms(seen - before), rms(seen - other), noise, size)

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
-from form_drake.diagnose.verify import COARSER, GRID, tracking_noise
+from form_drake.diagnose.verify import COARSER, GRID, there, tracking_noise
 from form_drake.records import Recording, Stream
 from form_drake.weak.force import jitter
 
@@ -110,7 +110,7 @@ class Watch:
                 f"{measured.points} points are tracked, {self.predicted.points} are predicted"
             )
         u, *both = (r.p_WQ - r.reference for r in (measured, self.predicted, self.coarse))
-        u = np.where(np.isfinite(measured.p_WQ), u, np.nan)
+        u = np.where(there(measured)[..., None], u, np.nan)
         yield (
             "tracks",
             measured.time,
