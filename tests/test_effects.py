@@ -144,7 +144,7 @@ STAGE = Stage(recording(), 1.4 * DX, precision="float64")
 def read(made: Recording, motion: Motion) -> ProbeReading:
     """What an observer reads who knows of no effect: the stated density."""
     motion = replace(motion, mass=SOFT.density * motion.volume)
-    sampling = SimpleNamespace(motion=lambda c: motion)
+    sampling = SimpleNamespace(displaced=lambda c: None, moved=lambda by: motion)
     fields, span = SmoothFields(), windows(motion.time, even(0.0, SECONDS, 0.1, 0.03))
     keep = np.ones(len(span) * len(fields.names), dtype=bool)
     forces = measured(made, 0.0, SECONDS)
@@ -281,10 +281,10 @@ def test_masses_are_scaled_as_the_body_is(plain):
     """A quasi-static scene has ten times the mass and a tenth of the gravity: the same weight."""
     reading = read(*plain[:2])
     motion = replace(reading.motion, mass=10.0 * reading.motion.mass, v=0.0 * reading.v)
-    held = SimpleNamespace(motion=lambda c: motion)
+    held = SimpleNamespace(displaced=lambda c: None, moved=lambda by: motion)
     probe = replace(reading.probe, sampling=held, rough=held, gravity=0.1 * reading.gravity)
     still = replace(reading.motion, v=0.0 * reading.v)
-    alone = SimpleNamespace(motion=lambda c: still)
+    alone = SimpleNamespace(displaced=lambda c: None, moved=lambda by: still)
     plainly = replace(reading.probe, sampling=alone, rough=alone)
     one, other = (ProbeReading(p, SOFT.law, SOFT.values) for p in (probe, plainly))
     for name in ("density", "added-mass"):

@@ -47,7 +47,7 @@ def on_the_floor(
         other = plant.AddModelInstance("other")
         second = plant.AddRigidBody("ball", other, SpatialInertia.SolidSphereWithMass(MASS, 0.01))
         plant.RegisterCollisionGeometry(second, RigidTransform(), Sphere(0.01), "ball", rough)
-        plant.SetDefaultFreeBodyPose(second, RigidTransform([0.2, 0.0, 0.2]))
+        plant.SetDefaultFloatingBaseBodyPose(second, RigidTransform([0.2, 0.0, 0.2]))
     if finalize:
         plant.Finalize()
     options = {"dx": 5e-3, "precision": "float64"} | options

@@ -162,7 +162,7 @@ def test_effects_of_ones_own_may_act():
         ("{id: adhesion, coefficient: 100.0}", "state the contact of the tools"),
         ("{id: relaxation, coefficient: 0.1}", "shape .* is given, .*time.* is wanted"),
         ("{id: drag, size: 1.0}", r"no specimen.effects\[0\].size; allowed there are id, coeff"),
-        ("{id: drag, coefficient: .nan}", r"coefficient: a finite number is wanted, got nan"),
+        ("{id: drag, coefficient: .nan}", r"coefficient: a finite number is wanted, got 'nan'"),
         ("{id: drag, coefficient: much}", r"coefficient: a number is wanted, got 'much'"),
     ],
 )
@@ -178,7 +178,7 @@ def test_effects_that_a_station_cannot_show_are_refused_in_one_line(effects, tol
         ("specimen.effects={id: drag}", "specimen.effects: a list is wanted, got {'id': 'drag'}"),
         ("specimen.size=3", "specimen.size: a list is wanted, got 3"),
         ("specimen.material=soft", "specimen.material: entries are wanted, got 'soft'"),
-        ("specimen.material.E=.inf", "specimen.material.E: a finite number is wanted, got inf"),
+        ("specimen.material.E=.inf", "specimen.material.E: a finite number is wanted, got 'inf'"),
     ],
 )
 def test_what_is_of_another_kind_is_refused_in_one_line(change, told):
