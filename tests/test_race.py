@@ -131,6 +131,15 @@ def test_one_of_each_class_is_tried(course):
     assert only.score.effect.id == "drag"
 
 
+@pytest.mark.parametrize(("less", "tried"), [(3.9, "damping"), (4.1, "rate-dependence")])
+def test_of_effects_that_are_alike_the_plainer_is_tried_unless_it_scores_less(less, tried):
+    """A power of the rate that is near one is damping."""
+    power = replace(score("rate-dependence", 1000.0, n=0.9), column=np.eye(4)[0])
+    plain = replace(score("damping", 1000.0 - less), column=np.eye(4)[0])
+    other = replace(score("drag", 900.0), column=np.eye(4)[1])
+    assert [s.effect.id for s in race.field([power, plain, other])] == [tried, "drag"]
+
+
 def test_a_further_effect_explains_more_than_simulations_have_wrong():
     found = verdict.Found(SimpleNamespace(), (), doubt=verdict.WRONG**2 * 1e5)
     drag = CATALOGUE["drag"]

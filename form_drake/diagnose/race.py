@@ -22,6 +22,7 @@ SAME = 0.99  # coherence from which no simulation would tell two effects apart
 NEARLY = 0.4  # of the best score, from which another start is simulated
 BESIDE = 4.0  # widths of the shape parameters, within which starts are one
 MARGIN = 10.0  # of scores, within which effects are equally good
+PLAIN = 4.0  # of scores, up to which one of fewer shape parameters is taken for another like it
 ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires
 
 
@@ -111,12 +112,17 @@ def raced(
 
 
 def field(seen: Sequence[Score], nearly: float = NEARLY) -> list[Score]:
-    """What is simulated: of effects that no simulation would tell apart, the first."""
+    """What is simulated: of effects that no simulation would tell apart the first, or a plainer one."""
     found = list[Score]()
     for score in seen:
         near = score.score > nearly * seen[0].score and len(found) < FIELD
-        alike = coherence([score, *found])[0, 1:].max(initial=0.0) > SAME
-        if (near or score.effect.columnless) and not alike:
+        alike = coherence([score, *found])[0, 1:]
+        n = int(np.argmax(alike)) if len(found) else 0
+        if alike.max(initial=0.0) > SAME:
+            plainer = len(score.effect.shapes) < len(found[n].effect.shapes)
+            if plainer and score.score > found[n].score - PLAIN:
+                found[n] = score
+        elif near or score.effect.columnless:
             found.append(score)
     return found
 
