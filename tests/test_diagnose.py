@@ -602,6 +602,16 @@ def test_every_recording_is_looked_at_before_anything_is_simulated(
     assert said.count("\n") == 0 and f"{paths[1]}: " in said and told in said
 
 
+def test_recordings_of_other_laws_are_no_probes_of_one_specimen(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    paths = [tmp_path / "press.h5", tmp_path / "other.h5"]
+    laws = zip(paths, ("fixed-corotated", "yeoh"), (0.0, 1e-6), strict=True)
+    for path, law, shift in laws:
+        write_recording(replace(PROBE, law=law, p_WQ=PROBE.p_WQ + shift), path)
+    assert main(["diagnose", *map(str, paths), "--out", str(tmp_path / "o")]) == 2
+    assert "the recordings declare fixed-corotated and yeoh" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("part", "whose"),
     [("problem_of", "as measured"), ("_read", "as predicted without the effects")],

@@ -13,6 +13,7 @@ from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import CATALOGUE, load
 from form_drake.files import target_folder, whole_folder
+from form_drake.identify.stated import of_one_material
 from form_drake.laws import law_named
 from form_drake.material import read_material
 from form_drake.motion import body
@@ -72,6 +73,7 @@ class Diagnose:
         paths = (*self.recording, *self.holdout)
         pairs = list(zip(paths, (*recordings, *holdout), strict=True))
         _check(pairs)
+        of_one_material((*recordings, *holdout), start.law.name if start else None)
         _check_stated(pairs, len(recordings), self.dx)
         law = start.law if start else law_named(self._law(recordings[0]))
         limits = thresholds()
