@@ -127,10 +127,21 @@ class Behind(LeafSystem):
         step = round(context.get_time() / self._period) - self._begin
         return step >= 0 and step % self._every == 0
 
+    def conclude(self, context: Context) -> None:
+        """Work on the newest input whenever the next look would be, and wait for it.
+
+        For work that waits, or needs no memory.
+        """
+        state = context.get_mutable_abstract_state(int(self._kept))
+        state.set_value(self._caught_up(context))
+
     def _advanced(self, context: Context) -> _Kept:
+        return self._caught_up(context) if self._looks(context) else self._state(context)
+
+    def _caught_up(self, context: Context) -> _Kept:
         """The state with the newest input worked on."""
         kept = self._state(context)
-        found = self.newest(context, kept.given) if self._looks(context) else None
+        found = self.newest(context, kept.given)
         if found is None:
             return kept
         time, given = found

@@ -29,8 +29,8 @@ class Answer:
 class Identifier(Behind):
     """Identifies the material again and again from all that was recorded so far.
 
-    Every answer is that of ``identify`` on the recording of its time; one that is looked for after
-    the last frame is the batch answer.
+    Every answer is that of ``identify`` on the recording of its time: the one with which a probe is
+    concluded is the batch answer.
 
     Ports: in ``recording`` (``Recording`` or None); out ``material`` (``Result`` of an ``Answer``).
 

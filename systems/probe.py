@@ -211,13 +211,16 @@ def record(run: Run, progress: Callable[[int, int], None] | None = None) -> Reco
 def finish(
     run: Run, simulator: Simulator, progress: Callable[[int, int], None] | None = None
 ) -> Simulator:
-    """Simulate to the end of the probe, what happens at its last instant included."""
+    """Simulate to the end of the probe, what happens at its last instant included, and identify."""
     steps = round(run.duration / run.scenario.solver.period)
     for k in range(1, steps + 1):
         simulator.AdvanceTo(k * run.scenario.solver.period)
         if progress is not None:
             progress(k, steps)
     simulator.AdvancePendingEvents()
+    if run.diagram.HasSubsystemNamed("identifier"):
+        identifier = run.diagram.GetSubsystemByName("identifier")
+        identifier.conclude(identifier.GetMyMutableContextFromRoot(simulator.get_mutable_context()))
     return simulator
 
 

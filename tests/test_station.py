@@ -356,6 +356,14 @@ def test_answers_sharpen_and_the_last_is_the_batch_answer():
     assert found[0].identification is None and found[0].reason  # only noise was seen
     deviations = [f.identification.material.parameters()["mu"].std for f in found[1:]]
     assert deviations[1] < 0.5 * deviations[0]
+    simulator.AdvanceTo(run.duration)
+    simulator.AdvancePendingEvents()
+    context = simulator.get_mutable_context()
+    whole = run.recorder.recording(run.recorder.GetMyContextFromRoot(context))
+    own = identifier.GetMyMutableContextFromRoot(context)
+    identifier.conclude(own)
+    concluded = identifier.get_output_port().Eval(own)
+    assert whole.time[-1] == concluded.time == concluded.value.time > recording.time[-1]
 
 
 def test_a_press_stops_at_a_force():
