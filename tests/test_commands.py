@@ -626,6 +626,11 @@ def test_a_missing_device_is_one_line(capfd, files, here, monkeypatch, device):
     assert not list(here.iterdir())
 
 
+def test_a_device_that_is_set_in_a_scenario_is_asked_for(capfd, here):
+    words = ("simulate", "press_a", "--set", "solver.device=cuda:99", "--out", here / "runs")
+    assert "cuda:99: no such device here" in refusal(capfd, *words)
+
+
 def test_a_diagram_is_drawn(capsys, here):
     told = ("simulate", "press_b", "--set", "solver.dx=0.005", "--graphviz", "g.dot", "--json")
     code, out, err = run(capsys, *told)

@@ -59,15 +59,15 @@ class Simulate:
         from form_drake.systems.scenario import declaring, holding, load_scenario, scenario_text
         from form_drake.systems.viewer import View
 
-        device(self.device)
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
         own: tuple[str, ...] = ()
         if self.material is not None:
             material, before = read_material(self.material), load_scenario(self.scenario)
             own = (*holding(material), declaring(before.specimen.known, material.law))
-        changes = (*own, *self.set, f"solver.device={self.device}")
+        changes = (*own, f"solver.device={self.device}", *self.set)
         scenario = load_scenario(self.scenario, changes)
+        device(scenario.solver.device)
         if self.graphviz is not None:
             dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
             write_text(dot, prepare(scenario).diagram.GetGraphvizString())
