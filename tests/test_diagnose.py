@@ -327,7 +327,8 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
     monkeypatch.chdir(files)
     (files / "empty.py").write_text("a = 1\n")
-    write_recording(replace(probe(0.4, 0.0, 0.0), forces={}), files / "silent.h5")
+    silent = replace(probe(0.4, 0.0, 0.0), forces={}, noise=2e-5)
+    write_recording(silent, files / "silent.h5")
     assert main(["diagnose", *arguments]) == 2
     err = capsys.readouterr().err
     assert told in err and err.strip().count("\n") == 0
@@ -524,7 +525,7 @@ def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys
     (stamps, still), felt = (PROBE.forces["plate"].time, PROBE.forces["plate"].value), {}
     both = {"plate": Stream(stamps, still), "plate:joint-torque": Stream(stamps, still + 2.0)}
     path = str(tmp_path / "probe.h5")
-    write_recording(replace(PROBE, forces=both), tmp_path / "probe.h5")
+    write_recording(replace(PROBE, forces=both, noise=2e-5), tmp_path / "probe.h5")
 
     def diagnosed(recordings, law, **how):
         felt.update({name: float(f.value.max()) for name, f in recordings[0].forces.items()})
@@ -592,7 +593,7 @@ def test_every_recording_is_looked_at_before_anything_is_simulated(
 ):
     monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
     paths = [tmp_path / "press.h5", tmp_path / "other.h5"]
-    write_recording(PROBE, paths[0])
+    write_recording(replace(PROBE, noise=2e-5), paths[0])
     change, told = BAD[lacks]
     other = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-6)
     write_recording(replace(other, **change(other)), paths[1])
@@ -600,6 +601,21 @@ def test_every_recording_is_looked_at_before_anything_is_simulated(
     assert main(words) == 2
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0 and f"{paths[1]}: " in said and told in said
+
+
+def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, capsys):
+    """Else what the grid has wrong would be taken for something missing."""
+    reached = ValueError("it is read")
+
+    def diagnosed(*arguments, **more):
+        raise reached
+
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    made, path = rolled(), tmp_path / "exact.h5"
+    for noise, told in ((None, "seem exact"), (0.0, "seem exact"), (2e-5, "it is read")):
+        write_recording(replace(made, noise=noise), path)
+        assert main(["diagnose", str(path), "--out", str(tmp_path / "o")]) == 2
+        assert told in capsys.readouterr().err
 
 
 def test_recordings_of_other_laws_are_no_probes_of_one_specimen(tmp_path, monkeypatch, capsys):

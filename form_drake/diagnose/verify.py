@@ -22,6 +22,7 @@ from form_drake.records import Recording
 from form_drake.weak.force import measured
 
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
+EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
 SEEN = 2.0  # times the floor, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
@@ -229,20 +230,28 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
     Args:
         recording: with the forces of one source.
         dx: grid spacing [m]; None: chosen, see ``Scenes``.
-        held_back: whether it is compared sample by sample, which takes the noise of its tracks.
+        held_back: whether it is compared sample by sample, which takes the noise of its tracks; the
+            others are read, and held against simulations that are never exact.
 
     Raises:
         ValueError: a face, poses, stress-free positions, a common clock or the noise are not stated.
     """
-    _ = Scenes.of((recording,), dx).spacings  # refuses faces and poses that no stage can hold
+    scenes = Scenes.of((recording,), dx)
+    _ = scenes.spacings  # refuses faces and poses that no stage can hold
     measured(recording, 0.0, float(np.ptp(recording.time)))
     lost = int(np.sum(~np.isfinite(recording.reference).all(axis=1)))
     if lost:
         raise ValueError(
             f"{lost} points have no stress-free position: state p_reference, or leave them out"
         )
-    if held_back and not np.isfinite(tracking_noise(recording)):
+    noise = tracking_noise(recording)
+    if held_back and not np.isfinite(noise):
         raise ValueError("how noisy its tracks are cannot be told: state noise [m]")
+    if not held_back and not recording.noise and noise < EXACT * scenes.dx[0]:
+        raise ValueError(
+            f"its tracks seem exact, to {noise:.1g} m, and no simulation is: state the noise that they stand"
+            " for (noise [m])"
+        )
 
 
 def tracking_noise(recording: Recording) -> float:
