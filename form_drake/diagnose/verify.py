@@ -17,7 +17,7 @@ from form_drake.diagnose.noise import most
 from form_drake.diagnose.prepare import problem_of
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
-from form_drake.motion.tracks import jitter, placed
+from form_drake.motion.tracks import jitter, placed, valid_points
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
@@ -220,8 +220,7 @@ def _balance(before: Match, after: Match) -> Channel:
 
 def there(recording: Recording) -> np.ndarray:
     """Which points are measured when, of those whose stress-free position is known, shape [frames, points]."""
-    found = np.isfinite(recording.p_WQ).all(axis=2) & placed(recording)
-    return found if recording.valid is None else found & recording.valid
+    return np.asarray(valid_points(recording) & placed(recording))
 
 
 def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -> None:

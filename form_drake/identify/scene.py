@@ -10,6 +10,7 @@ from form_drake.identify.problem import Problem
 from form_drake.identify.twin import Offset
 from form_drake.laws import Law
 from form_drake.motion import fit_tracks
+from form_drake.motion.tracks import valid_points
 from form_drake.records import Recording
 from form_drake.weak.ready import prepared
 
@@ -54,13 +55,10 @@ def twin_problem(
     probes = []
     for probe, own, data in zip(problem.probes, made, recordings, strict=True):
         # smoothed as the data are, whose noise decides by how much
-        valid = np.isfinite(data.p_WQ).all(axis=2)
-        seen = replace(own, valid=valid, noise=probe.fit.noise)
-        if data.valid is not None:
-            seen = replace(seen, valid=seen.valid & data.valid)
-        fit = fit_tracks(seen, probe.body, like=probe.fit)
+        alike = replace(own, valid=valid_points(data), noise=probe.fit.noise)
+        fit = fit_tracks(alike, probe.body, like=probe.fit)
         read = prepared(
-            seen, probe.name, probe.fields, probe.windows.ends, probe.body, fit, probe.released
+            alike, probe.name, probe.fields, probe.windows.ends, probe.body, fit, probe.released
         )
         probes.append(replace(read, keep=probe.keep))
     return replace(problem, probes=tuple(probes), offset=None)

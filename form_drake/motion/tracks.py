@@ -12,15 +12,19 @@ OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 SIGHTED = 0.5  # of the points, fewer than which make a frame blind
 
 
+def valid_points(recording: Recording) -> np.ndarray:
+    """Which points are measured in which frame, shape [frames, points]."""
+    found = np.isfinite(recording.p_WQ).all(axis=2)
+    return found if recording.valid is None else found & recording.valid
+
+
 def sighted(recording: Recording) -> Recording:
     """Without the frames in which less than half of the points are seen that are seen at all.
 
     What fills them would count as measured. The first one is kept where points have their stress-free
     positions from it.
     """
-    valid = np.isfinite(recording.p_WQ).all(axis=2)
-    if recording.valid is not None:
-        valid &= recording.valid
+    valid = valid_points(recording)
     share = valid[:, valid.any(axis=0)]
     kept = np.mean(share, axis=1) >= SIGHTED if share.size else np.ones(len(valid), dtype=bool)
     kept[0] |= recording.p_reference is None
@@ -56,17 +60,15 @@ def tracks(
     Raises:
         ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
     """
-    valid = np.isfinite(recording.p_WQ).all(axis=2)
-    if recording.valid is not None:
-        valid &= recording.valid
+    valid = valid_points(recording)
     stated = recording.p_reference is not None
     known = valid.any(axis=0) if stated else valid[0]  # others have no stress-free position
     edge = OUTSIDE * (body.high - body.low)
     inside = (recording.reference >= body.low - edge) & (recording.reference <= body.high + edge)
-    seen = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1) & known
+    used = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1) & known
     if known.any():
         _check_units(recording.reference[known], body, inside[known].all(axis=1))
-    X = recording.reference[seen]
+    X = recording.reference[used]
     if len(X) < 8:
         first = "" if stated else ", and in the first, which gives their stress-free positions"
         raise ValueError(
@@ -82,7 +84,7 @@ def tracks(
         )
     u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
     time = recording.time - recording.time[0]
-    return X, bridged(u[:, seen], valid[:, seen]), valid[:, seen], time, seen
+    return X, bridged(u[:, used], valid[:, used]), valid[:, used], time, used
 
 
 def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
