@@ -86,7 +86,14 @@ def test_frames_in_which_hardly_a_point_is_seen_are_no_measurement(pressed, lost
     assert np.abs(x - p[shown]).max() < 5e-6
 
 
-def test_points_that_are_lost_for_a_while_lie_on_lines_in_time():
+def test_points_that_come_and_go_are_no_motion(pressed):
+    valid = np.zeros(pressed[2].shape[:2], dtype=bool)
+    valid[np.arange(FRAMES), np.arange(FRAMES)] = True  # another one in each frame
+    with pytest.raises(ValueError, match="in 0 of 61 frames half of the points are seen"):
+        identify(recording(pressed, valid=valid))
+
+
+def test_points_that_are_lost_for_a_while_lie_on_lines_from_frame_to_frame():
     u = np.arange(12.0).reshape(6, 2, 1) * np.ones(3)
     valid = np.ones((6, 2), dtype=bool)
     valid[2:4, 0] = valid[:, 1] = False

@@ -40,7 +40,15 @@ def declared_values(recording: Recording, law: Law) -> dict[str, float]:
 
 
 def of_one_material(recordings: Sequence[Recording], law: str | None) -> None:
-    """Refuse recordings that declare different materials, and one that is given twice."""
+    """Refuse recordings that declare different materials, and one that is given twice.
+
+    Args:
+        recordings: of probes.
+        law: name of the law that is given in place of the declared ones; None: none is.
+
+    Raises:
+        ValueError: saying what differs, or which are the same.
+    """
     told: dict[str, list[float | str | None]] = {
         f"known {k}": [r.known.get(k) for r in recordings] for r in recordings for k in r.known
     }
@@ -63,6 +71,11 @@ def of_one_material(recordings: Sequence[Recording], law: str | None) -> None:
 
 
 def refuse_flags(flags: Mapping[str, bool], reason: str) -> None:
+    """Refuse options that are given where nothing reads them, which ``reason`` says.
+
+    Raises:
+        ValueError: some are on.
+    """
     found = [f"--{k.replace('_', '-')}" for k, on in flags.items() if on]
     if found:
         raise ValueError(f"{', '.join(found)} applies to {reason}")

@@ -23,11 +23,19 @@ def sighted(recording: Recording) -> Recording:
 
     What fills them would count as measured. The first one is kept where points have their stress-free
     positions from it.
+
+    Raises:
+        ValueError: fewer than two frames are left.
     """
     valid = valid_points(recording)
     share = valid[:, valid.any(axis=0)]
     kept = np.mean(share, axis=1) >= SIGHTED if share.size else np.ones(len(valid), dtype=bool)
     kept[0] |= recording.p_reference is None
+    if kept.sum() < 2:
+        raise ValueError(
+            f"in {int(kept.sum())} of {len(kept)} frames half of the points are seen: two at least are wanted;"
+            " track points that stay in sight"
+        )
     return recording if kept.all() else picked(recording, np.flatnonzero(kept))
 
 
@@ -40,7 +48,7 @@ def placed(recording: Recording) -> np.ndarray:
 
 
 def bridged(u: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Displacements with lines in time where a point is not seen."""
+    """Displacements with lines from frame to frame where a point is not seen."""
     u = u.copy()
     frames = np.arange(len(u))
     for p in np.flatnonzero(~valid.all(axis=0) & valid.any(axis=0)):
@@ -55,7 +63,7 @@ def tracks(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stress-free positions, displacements, validity and time of the points ever seen, and which they are.
 
-    Displacements of points that are not seen lie on lines in time.
+    Displacements of points that are not seen lie on lines from frame to frame.
 
     Raises:
         ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
