@@ -121,6 +121,43 @@ def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then(
     assert rub.after(force, np.array([-20.0, 0.0])).most == pytest.approx([0.0])
 
 
+def test_friction_is_bounded_by_the_pressure_that_there_is_however_long_a_step():
+    def base(steps):
+        """How far a floor lets the bottom of a block slide that a plate has pressed, in some steps."""
+        X, time = on_face(0, 1, 60), np.linspace(0.0, 1.0, 9)
+        pose = np.tile(np.eye(4), (9, 1, 1))
+        pose[:, 2, 3] = -5e-4 * np.minimum(1.0, np.arange(9) / steps)
+        made = block(
+            np.zeros((9, *X.shape)),
+            X,
+            face=1,
+            contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
+            p_reference=X,
+            poses={"plate": Stream(time, pose)},
+        )
+        free = replace(Seen.of(made, body(made)), sd=1.0)  # nothing but balance tells
+        path = Path.of(free, Resistance.plain(POISSON), 0.2)
+        corner = path.statics.values(HIGH * np.array([[1.0, 1.0, 0.0]]))[0]
+        return (corner @ path.frames[-1].y)[0]
+
+    assert base(1) == pytest.approx(base(8), rel=0.03)
+    assert base(1) < 0.8 * 5e-4 * POISSON * HIGH[0] / HIGH[2]  # as it slides without friction
+
+
+def test_nothing_is_concluded_from_what_a_drift_could_have_made():
+    X = on_face(0, 1)
+    u = np.stack([stretched(X, f) for f in np.linspace(1.0, 0.9, 8)])
+    made = block(u, X, face=1, contact={"z-": "frictionless floor"}, p_reference=X)
+    looked, rng = Seen.of(made, body(made)), np.random.default_rng(0)
+    valid = rng.uniform(size=len(X)) < 0.7
+    white = rng.standard_normal((int(valid.sum()), 3, 2))
+    drift = looked.whitening[valid] @ np.array([[1.0], [2.0], [0.0]])
+    left = looked.undrifted(white, valid)
+    assert np.allclose(looked.undrifted(white + drift, valid), left)
+    assert np.allclose(looked.undrifted(drift, valid), 0.0)
+    assert np.allclose(left[:, 2], white[:, 2])  # along z nothing is mirrored
+
+
 def test_a_body_that_sags_is_found_free_of_stress():
     E, X = 3e3, on_face(0, 1)
     weigh = 1000.0 * 9.81 / E

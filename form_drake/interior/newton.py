@@ -5,7 +5,7 @@ wherever this leads on too slowly.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,9 +17,42 @@ ROUNDS = 60
 FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
 CLOSE = 3e-5  # change of a deformation gradient in a step, below which it is the last
 LONGEST = 0.2  # change of a deformation gradient in a step
+RUBS, ALIKE = (
+    4,
+    0.01,
+)  # solutions at most with friction, and share of its bound that no longer matters
 SLOW = 0.5  # of a step that the next may be with a slope from elsewhere
 
 Solver = tuple[tuple[np.ndarray, np.ndarray], np.ndarray]  # LU factors, solutions for the pushes
+
+
+def rubbing(
+    statics: Statics,
+    rows: Rows,
+    grips: Sequence[Grip],
+    last: Held,
+    near: tuple[Held, Held] | None = None,
+) -> Held:
+    """The same as ``balanced``, with friction bounded by the pressure that there is then."""
+    found = balanced(statics, rows, grips, last, near)
+    for _ in range(RUBS - 1):
+        bounded = _bounded(last, found)
+        if bounded is None or not found.settled:
+            break
+        near, last = (last, found), bounded
+        found = balanced(statics, rows, grips, last, near)
+    return found
+
+
+def _bounded(last: Held, found: Held) -> Held | None:
+    """``last`` with the bounds of friction after it; None: it has them."""
+    rubbed, off, size = {}, 0.0, 0.0
+    for n, now in found.rubbed.items():
+        before = last.rubbed.get(n, now.none)
+        rubbed[n] = replace(before, most=now.most)
+        off += float(np.abs(now.most - before.most).sum())
+        size += float(now.most.sum())
+    return None if off <= ALIKE * size else replace(last, rubbed=rubbed)
 
 
 def balanced(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from form_drake.interior.newton import balanced
+from form_drake.interior.newton import rubbing
 from form_drake.interior.resistance import Resistance
 from form_drake.interior.statics import Held, Rows, Statics
 from form_drake.interior.surface import Seen
@@ -59,7 +59,8 @@ class Path:
             ValueError: no motion inside passes through the points.
         """
         friction = friction_of(seen, resistance) if friction is None else friction
-        statics, free = _from_rest(seen, resistance)
+        statics = _statics(seen, resistance)
+        free = _from_rest(statics, seen, friction)
         frames = _frames(statics, free, friction, near.frames if near else ())
         lost = sum(not frame.settled for frame in frames)
         if lost > UNSETTLED * len(frames):
@@ -96,7 +97,10 @@ class Path:
         back = np.linalg.inv(R)
         D = (seen.whitening @ statics.values(seen.X)).reshape(-1, len(z[0]))
         follows = ((Q @ (Q.T @ z)) @ root.T @ D.T).reshape(seen.u.shape)
-        rest = np.where(seen.valid[..., None], seen.white - follows, 0.0)
+        rest = seen.white - follows
+        for left, valid in zip(rest, seen.valid, strict=True):
+            left[valid] = seen.undrifted(left[valid, :, None], valid)[..., 0]
+            left[~valid] = 0.0
         freedom = max(1.0 - told.sum() / len(D), SHOWN)
         spread = (
             Spread(np.sqrt(told)[:, None], seen.noise * back),
@@ -129,20 +133,21 @@ def friction_of(seen: Seen, resistance: Resistance) -> float:
     """
     if not any(hold.face.condition == "bonded" for hold in seen.holds):
         return 0.0
-    statics, free = _from_rest(seen, resistance)
-    looks = _looks(free)
-    holds = tuple(hold.at(looks) for hold in free.holds)
-    few = replace(free, u=free.u[looks], valid=free.valid[looks], holds=holds)
-    D = free.whitening @ statics.values(free.X)
+    statics, looks = _statics(seen, resistance), _looks(seen)
 
     def off(friction: float) -> float:
+        free = _from_rest(statics, seen, friction)
+        holds = tuple(hold.at(looks) for hold in free.holds)
+        few = replace(free, u=free.u[looks], valid=free.valid[looks], holds=holds)
+        D = few.whitening @ statics.values(few.X)
         frames = _frames(statics, few, friction)
-        rest = [(few.white[n] - D @ f.alone)[few.valid[n]] for n, f in enumerate(frames)]
-        return float(sum(np.log(np.mean(r**2)) for r in rest if len(r)))
+        rest = [few.white[n] - D @ frame.alone for n, frame in enumerate(frames)]
+        left = [few.undrifted(r[v, :, None], v) for r, v in zip(rest, few.valid, strict=True)]
+        return float(sum(np.log(np.mean(r**2)) for r in left if len(r)))
 
     sticking = off(np.inf)
     sliding, friction = _least(off, FRICTIONS)
-    return np.inf if sticking <= sliding + len(few.u) * np.log(SLIDES) else friction
+    return np.inf if sticking <= sliding + len(looks) * np.log(SLIDES) else friction
 
 
 def _looks(seen: Seen) -> np.ndarray:
@@ -158,29 +163,29 @@ def _frames(statics: Statics, seen: Seen, friction: float, near: Sequence[Held] 
     own = [hold.grip(statics, friction) for hold in seen.holds]
     last, found = statics.rest, []
     for n, valid in enumerate(seen.valid):
-        rows = Rows.of(D[valid], seen.white[n, valid], seen.sd)
+        rows = Rows.of(seen.undrifted(D[valid], valid), seen.white[n, valid], seen.sd)
         grips = [grip for hold in own if (grip := hold(n))]
-        held = balanced(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
+        held = rubbing(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
         if near and not held.settled:
-            held = balanced(statics, rows, grips, last)
+            held = rubbing(statics, rows, grips, last)
         last = held
         found.append(last)
     return found
 
 
-def _from_rest(seen: Seen, resistance: Resistance) -> tuple[Statics, Seen]:
-    """A body of the material, and what is seen from where it is free of stress."""
-    statics = Statics(seen.space, seen.body, resistance, seen.force)
-    return statics, _sunk(statics, seen) if seen.bent and resistance.weighs else seen
+def _statics(seen: Seen, resistance: Resistance) -> Statics:
+    return Statics(seen.space, seen.body, resistance, seen.force)
 
 
-def _sunk(statics: Statics, seen: Seen) -> Seen:
-    """Points where they were before the weight had moved them to where they are seen first."""
+def _from_rest(statics: Statics, seen: Seen, friction: float) -> Seen:
+    """What is seen, from where points were before the weight moved them to where they are seen first."""
+    if not (seen.bent and statics.resistance.weighs):
+        return seen
     size = float(np.max(statics.body.high - statics.body.low))
     x, X = seen.X, seen.X
     rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
-    own = [hold.grip(statics, np.inf)(0) for hold in seen.holds]
-    y = balanced(statics, rows, [grip for grip in own if grip], statics.rest).y
+    grips = [grip for hold in seen.holds if (grip := hold.grip(statics, friction)(0))]
+    y = rubbing(statics, rows, grips, statics.rest).y
     for _ in range(SAGS):
         X = x - statics.values(X) @ y
     return replace(seen, X=X, u=seen.u + (x - X))

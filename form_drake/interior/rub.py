@@ -20,13 +20,18 @@ class Rubbed:
     force: np.ndarray
     most: np.ndarray
 
+    @property
+    def none(self) -> "Rubbed":
+        """Before anything has pressed."""
+        return Rubbed(np.zeros_like(self.force), np.zeros_like(self.most))
+
 
 @dataclass(frozen=True)
 class Rub:
     """A face of a body that its tool rubs.
 
-    A point sticks elastically until friction has its largest size, that of the pressure a frame before,
-    and slides then: the return to the cone of Simo and Laursen (1992).
+    A point sticks elastically until friction has its largest size, and slides then: the return to the cone
+    of Simo and Laursen (1992).
 
     Attributes:
         face: its index.
@@ -50,7 +55,7 @@ class Rub:
 
         Args:
             step: since the last frame [m], shape [size].
-            last: what it did there.
+            last: what it did there, and how large it may be now.
 
         Returns:
             Forces left over [1/m], shape [size]; their derivative [1/m^2], shape [size, size]; forces along
@@ -58,7 +63,7 @@ class Rub:
         """
         trial = last.force - STIFF * (self.along @ step)
         size = np.maximum(np.linalg.norm(trial, axis=1), np.finfo(float).tiny)
-        share = np.minimum(1.0, last.most / size)
+        share = last.most / np.maximum(size, last.most)
         force, way = share[:, None] * trial, trial / size[:, None]
         sliding = (share < 1.0)[:, None, None] * way[:, :, None] * way[:, None, :]
         give = STIFF * share[:, None, None] * (np.eye(2) - sliding)

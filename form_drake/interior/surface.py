@@ -84,6 +84,22 @@ class Seen:
             bent=recording.p_reference is None and bool(gravity.any()),
         )
 
+    def undrifted(self, white: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """Whitened displacements less what they share with a drift of the body along mirrored axes.
+
+        A body keeps its symmetry about a centre that moves, and one face tells a drift hardly from a bulge:
+        nothing is concluded from what either could have made.
+
+        Args:
+            white: of the seen points, shape [points, 3, n].
+            valid: which points are seen, shape [all points].
+        """
+        drift = self.whitening[valid][:, :, list(self.space.symmetry.mirrors)].reshape(
+            white[..., 0].size, -1
+        )
+        Q, flat = np.linalg.qr(drift)[0], white.reshape(len(drift), -1)
+        return np.asarray(flat - Q @ (Q.T @ flat)).reshape(white.shape)
+
     @cached_property
     def white(self) -> np.ndarray:
         """Whitened displacements [m], shape of u."""
