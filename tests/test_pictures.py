@@ -9,7 +9,9 @@ from pydrake.geometry import Meshcat
 from form_drake import Recording, Stream, identify, read
 from form_drake.commands.output import run_in
 from form_drake.commands.simulate import Simulate
+from form_drake.perceive.optics import projected
 from form_drake.perceive.pictures import Pictures
+from form_drake.perceive.rig import RIM
 from form_drake.perceive.seen import completed, tracked
 from form_drake.records import write_recording
 from form_drake.systems.pictures import (
@@ -53,6 +55,19 @@ def particles(scenario):
         forces={"press_plate": Stream(clock, np.zeros((50, 3)))},
         contact={"z+": "frictionless press_plate", "other": "free"},
     )
+
+
+def test_parts_keep_clear_of_edges_in_both_pictures(scenario):
+    rig = rig_of(scenario, 30.0)
+    X = rig.points()
+    aside = [a for a in range(3) if a != rig.face.axis]
+    for camera in rig.cameras.values():
+        for axis in aside:
+            for end in (rig.low, rig.high):
+                edge = X.copy()
+                edge[:, axis] = end[axis]
+                room = np.linalg.norm(projected(camera, edge) - projected(camera, X), axis=1)
+                assert room.min() > rig.half + RIM - 0.1
 
 
 def test_pictures_alone_give_the_motion(scenario, tmp_path):

@@ -10,6 +10,7 @@ import yaml
 
 from form_drake.files import plain, read_mapping, write_text
 from form_drake.motion.body import Face
+from form_drake.perceive.optics import projected
 from form_drake.records import Camera
 
 VERSION = 1
@@ -17,6 +18,9 @@ ENTRIES = {"form_drake_rig", "rate", "low", "high", "face", "cameras", "half", "
 OPTIONAL = {"half", "spacing"}
 RIGID = 1e-6  # by which a pose may not be a rotation
 HALF = 12
+# pixels beside a part from which pictures, blurred and read by splines, still tell: past an edge, another thing
+RIM = 4
+NEAR = 1e-3  # of the box, across which pixels are counted
 
 
 @dataclass(frozen=True)
@@ -72,9 +76,10 @@ class Rig:
             raise ValueError(
                 "the face lies behind the first camera: is X_WC its pose in the world?"
             )
-        margin, step = (self.half + 1) * pixel, self.spacing or self.half * 4.0 / 3.0 * pixel
+        step = self.spacing or self.half * 4.0 / 3.0 * pixel
         sides = []
         for a in range(3):
+            margin = (self.half + RIM) * self._widest(a)
             low, high = self.low[a] + margin, self.high[a] - margin
             count = int((high - low) / step) + 1 if high > low else 0
             sides.append(low + (high - low - (count - 1) * step) / 2.0 + step * np.arange(count))
@@ -86,6 +91,18 @@ class Rig:
                 f" {1e6 * pixel:.3g} um: come nearer, or take a smaller half or spacing"
             )
         return grid
+
+    def _widest(self, axis: int) -> float:
+        """What a pixel shows along an axis, at the corner of the face where either camera sees that worst [m]."""
+        if axis == self.face.axis:
+            return 0.0
+        ends = [*map(list, zip(self.low, self.high, strict=True))]
+        ends[self.face.axis] = ends[self.face.axis][self.face.side :][:1]
+        corners = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, 3)
+        inward = NEAR * (0.5 * (self.low + self.high) - corners)[:, axis]
+        beside = corners + inward[:, None] * np.eye(3)[axis]
+        seen = [projected(c, beside) - projected(c, corners) for c in self.cameras.values()]
+        return float(np.max(np.abs(inward) / np.linalg.norm(seen, axis=2)))
 
     @classmethod
     def read(cls, path: Path) -> "Rig":
