@@ -202,6 +202,11 @@ def test_errors_are_percent_of_the_truth():
 
 def test_tables():
     exact = {"rows": 9, "condition": 2.0, "seconds": 1.0}
+
+    def noisy(errors, cover):
+        made = {k: {"E": 0.0} for k in ("median", "p90", "worst")} | {"errors": {"E": errors}}
+        return made | {"coverage_90": {"E": cover}, "refused": 0, "seeds": 2}
+
     result = {
         "cases": {
             "exact/press-0": exact | {"errors": {"E": {"error": 1.0, "std": 0.1}}},
@@ -214,11 +219,17 @@ def test_tables():
                 "refused": 0,
                 "seeds": 2,
             },
+            "noise/press-0/seeds2": noisy([0.5, -3.0], 1.0),
+            "noise/press-1/seeds2": noisy([0.5, 0.7], 0.5),
         }
     }
     text = table(result)
     assert "press E, 2 specimens: median 2.00, worst 3.00" in text
     assert "0.70    0.90    1.10    50%   0 refused of 2" in text
+    together = (
+        "press E, 2 specimens: median 0.60 met (goal 1), p90 2.31 MISSED (goal 2), worst 3.00"
+    )
+    assert f"{together}, 90 % intervals hold 75% MISSED (goal 80 to 98 %)" in text
 
 
 def test_tables_of_simulator_grids_and_finite_elements():

@@ -12,6 +12,8 @@ GOALS: dict[str, Any] = {  # largest errors and changes [%]
     "worst": 1.0,
     "own-stress": {"press": 0.3, "bend": 0.8},
     "dx": 0.3,
+    "noise": {"press": {"median": 1.0, "p90": 2.0}, "bend": {"median": 1.5, "worst": 4.0}},
+    "coverage_90": [0.8, 0.98],
     **{kind: weak_form.GOALS[kind] for kind in FINITE_KINDS},
 }
 TITLES = {
@@ -118,12 +120,33 @@ def _exact_lines(own: dict[str, Any]) -> list[str]:
 
 
 def _noisy_lines(own: dict[str, Any]) -> list[str]:
-    return [
+    lines = [
         f"{name.split('/')[0]:10}{key:>7}{r['median'][key]:>8.2f}{r['p90'][key]:>8.2f}{r['worst'][key]:>8.2f}"
         f"{r['coverage_90'][key]:>7.0%}{r['refused']:>4} refused of {r['seeds']}"
         for name, r in own.items()
         for key in r["median"]
     ]
+    for group, goals in GOALS["noise"].items():
+        drawn = [r for n, r in own.items() if n.startswith(f"{group}-")]
+        keys = {key: None for r in drawn for key in r["median"]}
+        lines += [_over_specimens(group, key, drawn, goals) for key in keys]
+    return lines
+
+
+def _over_specimens(
+    group: str, key: str, drawn: list[dict[str, Any]], goals: dict[str, float]
+) -> str:
+    """All answers of the drawn specimens of a probe together, beside the goals."""
+    drawn = [r for r in drawn if key in r["median"]]
+    sizes = np.abs(np.concatenate([r["errors"][key] for r in drawn]))
+    held = sum(r["coverage_90"][key] * len(r["errors"][key]) for r in drawn) / len(sizes)
+    low, high = GOALS["coverage_90"]
+    found = {"median": np.median(sizes), "p90": np.quantile(sizes, 0.9), "worst": sizes.max()}
+    cells = [
+        f"{k} {v:.2f}" + (f" {met(v, goals[k])}" if k in goals else "") for k, v in found.items()
+    ]
+    cover = f"{held:.0%} {'met' if low <= held <= high else 'MISSED'} (goal {100 * low:g} to {100 * high:g} %)"
+    return f"{group} {key}, {len(drawn)} specimens: {', '.join(cells)}, 90 % intervals hold {cover}"
 
 
 def _unseen_lines(own: dict[str, Any]) -> list[str]:
