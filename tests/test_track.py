@@ -105,14 +105,23 @@ def test_what_is_lost_is_said_and_found_again(photograph):
     assert after.pixel == pytest.approx(points() + 3.0, abs=0.02)
 
 
+def test_a_picture_that_shows_nothing_costs_that_picture_alone(photograph):
+    """Points have gone far from where they began, and went on meanwhile."""
+    seen = [photograph(lambda x, s=s: x - s, 20 + int(s)) for s in (0.0, 6.0, 12.0, 18.0, 24.0)]
+    seen[3] = np.full_like(seen[3], 250.0)
+    *_, before, during, after = Tracker.of(seen[0], points(), HALF).follow(seen)
+    assert before.held.all() and not during.held.any() and after.held.all()
+    assert after.pixel == pytest.approx(points() + 24.0, abs=0.02)
+
+
 def test_what_hides_some_points_makes_others_no_less_sure(photograph):
     """A hand leaves large and smooth rests, which tell nothing of the noise beside it."""
     still, moved = photograph(), photograph(lambda x: x - 0.25, 1)
     tracker = Tracker.of(still, points(), HALF)
-    before = tracker.next(still, moved, tracker.first)
+    before = tracker.next((still, tracker.first), moved)
     hidden = moved.copy()
     hidden[:, :160] = np.linspace(40.0, 220.0, 160)
-    during = tracker.next(still, hidden, tracker.first)
+    during = tracker.next((still, tracker.first), hidden)
     free = points()[:, 0] > 190.0
     assert before.held[free].all() and during.held[free].all() and not during.held.all()
     size = [np.trace(p.covariance[free], axis1=1, axis2=2).mean() for p in (before, during)]

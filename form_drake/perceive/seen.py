@@ -11,6 +11,7 @@ from form_drake.perceive.stereo import Followed, Stereo
 from form_drake.records import Recording
 
 SEEN = 0.3  # share of all points in all frames that is to be held
+APART = 20.0  # deviations, by which rays to the middle point may pass each other: pictures of one time do by one
 
 
 def _none() -> np.ndarray:
@@ -27,8 +28,10 @@ class Sight:
         covariance: of how they moved [m^2], shape [points, 3, 3].
         likeness: correlation with the first pictures, 1 at best, shape [points].
         pixel: where each camera sees them [px]; NaN: lost, shape [cameras, points, 2].
+        apart: by how many deviations rays to the middle point pass each other; above ``APART``, the pictures
+            are not of one time, and no point is in space.
 
-    What is not of cameras has none of the last three.
+    What is not of cameras has none of the last four.
     """
 
     time: float
@@ -36,13 +39,17 @@ class Sight:
     covariance: np.ndarray = field(default_factory=_none)
     likeness: np.ndarray = field(default_factory=_none)
     pixel: np.ndarray = field(default_factory=_none)
+    apart: float = 0.0
 
     @classmethod
     def of(cls, time: float, now: Followed) -> "Sight":
         """What is seen of points that were followed."""
         places = now.places
         pixel = np.stack([points.pixel for points in now.points])
-        return cls(time, places.p_WQ, places.covariance, now.likeness, pixel)
+        seen = places.off[np.isfinite(places.off)]
+        apart = float(np.median(seen)) if len(seen) else 0.0
+        p_WQ = np.where(apart > APART, np.nan, places.p_WQ)
+        return cls(time, p_WQ, places.covariance, now.likeness, pixel, apart)
 
     @property
     def held(self) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from form_drake.perceive.correlate import ALIKE, Parts, matched
 from form_drake.perceive.optics import Places, projected, rays, triangulated
 from form_drake.perceive.splines import seen_in
-from form_drake.perceive.track import Points, Tracker
+from form_drake.perceive.track import Known, Points, Tracker
 from form_drake.perceive.warps import affine
 from form_drake.records import Camera
 
@@ -27,14 +27,14 @@ class Stereo:
         cameras: left and right.
         trackers: of the same points.
         chosen: which of the points that were asked for both cameras see, shape [points].
-        matching: covariance of the right camera's points as the left one's, which stays the same in all
-            pictures [px^2], shape [points, 2, 2].
+        gap: how far points in the first pictures are from where the cameras would see them in space, by
+            matching and calibration; the same in all pictures [px], shape [cameras, points, 2].
     """
 
     cameras: tuple[Camera, Camera]
     trackers: tuple[Tracker, Tracker]
     chosen: np.ndarray
-    matching: np.ndarray
+    gap: np.ndarray
 
     @classmethod
     def of(
@@ -64,7 +64,6 @@ class Stereo:
         start = _across(left, right, at, p_WQ, normal_W)
         inside = _inside(left, at, half) & _inside(right, at + start[:, [0, 6]], half)
         found = np.full((len(at), 2), np.nan)
-        matching = np.zeros((len(at), 2, 2))
         if inside.any():
             parts = Parts.of(seen_in(pictures[0]), at[inside], half, device=device)
             across = matched(parts, seen_in(pictures[1]), start[inside])
@@ -75,27 +74,30 @@ class Stereo:
             turned = _across(right, left, at[inside], p_WQ[inside], normal_W[inside])[:, [0, 6]]
             _agreed(off[good], (across.shift - turned)[good])
             found[inside] = np.where(good[:, None], at[inside] + across.shift, np.nan)
-            matching[inside] = across.covariance
         chosen = np.isfinite(found[:, 0]) & _inside(right, found, half)
         if chosen.sum() < max(3.0, 0.5 * inside.sum()):
             raise ValueError(
                 f"{int(chosen.sum())} of {len(p_WQ)} points are found in both pictures"
                 f" ({int(inside.sum())} should be): {DOUBT}"
             )
+        pixel = np.stack([at[chosen], found[chosen]])
         one, other = (
-            Tracker.of(picture, places[chosen], half, device)
-            for picture, places in zip(pictures, (at, found), strict=True)
+            Tracker.of(picture, places, half, device)
+            for picture, places in zip(pictures, pixel, strict=True)
         )
-        return cls((left, right), (one, other), chosen, matching[chosen])
+        first = triangulated(cameras, pixel, np.tile(np.eye(2), (*pixel.shape[:2], 1, 1)))
+        gap = pixel - np.stack([projected(camera, first.p_WQ) for camera in cameras])
+        return cls((left, right), (one, other), chosen, gap)
 
     def begun(self, pair: Sequence[np.ndarray]) -> "Followed":
         """Its points in the first pictures of both cameras."""
-        return Followed(self, tuple(pair), tuple(tracker.first for tracker in self.trackers))
+        first = [tracker.first for tracker in self.trackers]
+        return Followed(self, tuple(zip(pair, first, strict=True)), tuple(first))
 
     def follow(self, pairs: Iterable[Sequence[np.ndarray]]) -> Iterator[Places]:
         """Points in space in each of some pairs of pictures; the first is that which was begun with.
 
-        Covariances are of how points move: that of ``matching`` is not in them.
+        Covariances are of how points move: that of where they began is not in them.
         """
         now: Followed | None = None
         for pair in pairs:
@@ -103,8 +105,12 @@ class Stereo:
             yield now.places
 
     def places(self, points: Sequence[Points]) -> Places:
-        """Points in space from where both cameras see them."""
-        pixel = np.stack([p.pixel for p in points])
+        """Points in space from where both cameras see them.
+
+        Rays that pass each other from the first do so alike ever after: else a point would move where
+        its pixels become less sure.
+        """
+        pixel = np.stack([p.pixel for p in points]) - self.gap
         spread = np.stack([p.covariance for p in points])
         still = spread.trace(axis1=2, axis2=3) <= 0.0  # the first pictures: nothing has moved
         spread[still] = np.eye(2) * np.finfo(float).eps
@@ -117,18 +123,21 @@ class Followed:
 
     Attributes:
         stereo: the cameras and their trackers.
-        pair: newest pictures.
-        points: where each camera sees them there.
+        known: the newest picture of each in which points were found, and where.
+        points: where each camera sees them now.
     """
 
     stereo: Stereo
-    pair: tuple[np.ndarray, ...]
+    known: tuple[Known, ...]
     points: tuple[Points, ...]
 
     def next(self, pair: Sequence[np.ndarray]) -> "Followed":
         """Followed into the next pictures."""
-        ways = zip(self.stereo.trackers, self.pair, pair, self.points, strict=True)
-        return Followed(self.stereo, tuple(pair), tuple(t.next(a, b, p) for t, a, b, p in ways))
+        ways = zip(self.stereo.trackers, self.known, pair, strict=True)
+        points = tuple(tracker.next(known, picture) for tracker, known, picture in ways)
+        newer = zip(self.known, pair, points, strict=True)
+        known = tuple((new, p) if p.held.any() else last for last, new, p in newer)
+        return Followed(self.stereo, known, points)
 
     @property
     def places(self) -> Places:

@@ -47,6 +47,9 @@ class Points:
         return np.asarray(np.isfinite(self.pixel[:, 0]))
 
 
+Known = tuple[np.ndarray, Points]  # a picture, and where points are in it
+
+
 @dataclass(frozen=True)
 class Tracker:
     """Parts of a first picture, and who their neighbours are.
@@ -96,18 +99,19 @@ class Tracker:
 
     def follow(self, pictures: Iterable[np.ndarray]) -> Iterator[Points]:
         """Points in each of some pictures; the first is that in which they were chosen."""
-        before, points = None, self.first
+        known: Known | None = None
         for picture in pictures:
-            points = self.next(before, picture, points) if before is not None else points
-            before = picture
+            points = self.first if known is None else self.next(known, picture)
+            known = (picture, points) if known is None or points.held.any() else known
             yield points
 
-    def next(self, before: np.ndarray, picture: np.ndarray, points: Points) -> Points:
+    def next(self, known: Known, picture: np.ndarray) -> Points:
         """Points in the picture after one in which they are known.
 
         Raises:
             ValueError: pictures of other sizes.
         """
+        before, points = known
         if picture.shape != before.shape:
             now, then = (f"{p.shape[1]} x {p.shape[0]} px" for p in (picture, before))
             raise ValueError(f"a picture of {now} after one of {then}")
@@ -115,10 +119,11 @@ class Tracker:
         shift = points.warps[:, [0, 6]] + flow
         shift[~points.held] = np.nan
         seen = seen_in(picture)
-        found = self._matched(seen, self._lines(shift))
+        found = self._matched(seen, self._lines(shift, points.warps))
         again = ~found.held
         if again.any():
-            second = self._matched(seen, self._lines(found.pixel - self.straight.middle))
+            moved = found.pixel - self.straight.middle
+            second = self._matched(seen, self._lines(moved, points.warps))
             found = _where(again & second.held, second, found)
         return found
 
@@ -132,10 +137,10 @@ class Tracker:
         held = (bent | line.settled) & (likeness > ALIKE)
         pixel = self.straight.middle + warps[:, [0, 6]]
         pixel[~held] = np.nan
-        off = self._off(pixel - self.straight.middle)
+        off = self._off(pixel - self.straight.middle, start)
         pixel[off] = np.nan
         lost = ~np.isfinite(pixel[:, 0])
-        warps = np.where(lost[:, None], self._lines(pixel - self.straight.middle), warps)
+        warps = np.where(lost[:, None], self._lines(pixel - self.straight.middle, start), warps)
         return Points(pixel, covariance, likeness, warps)
 
     @staticmethod
@@ -145,8 +150,8 @@ class Tracker:
         spread = np.maximum(np.trace(curve.covariance - line.covariance, axis1=1, axis2=2), 1e-12)
         return np.asarray(~line.settled | (2.0 * np.sum(apart**2, axis=1) > BENT * spread))
 
-    def _lines(self, shift: np.ndarray) -> np.ndarray:
-        """Warps of first order from the shifts of neighbours, of which some may be lost."""
+    def _lines(self, shift: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Warps of first order from the shifts of neighbours; ``last`` ones where all of them are lost."""
         middle = self.straight.middle
         everyone = np.concatenate([np.arange(len(middle))[:, None], self.near], axis=1)
         known = np.isfinite(shift[everyone, 0])
@@ -160,11 +165,12 @@ class Tracker:
             off = np.linalg.norm(b - A @ x, axis=2)
             scatter = _median(np.where(known, off, np.nan))[:, None]
             weight = known * np.minimum(1.0, 2.0 * scatter / np.maximum(off, TINY))
-        return affine(x[:, 0], x[:, 1:].transpose(0, 2, 1))
+        found = affine(x[:, 0], x[:, 1:].transpose(0, 2, 1))
+        return np.where(known.any(axis=1)[:, None], found, last)
 
-    def _off(self, shift: np.ndarray) -> np.ndarray:
+    def _off(self, shift: np.ndarray, last: np.ndarray) -> np.ndarray:
         """Which points go another way than their neighbours."""
-        start = self._lines(shift)
+        start = self._lines(shift, last)
         off = np.linalg.norm(shift - start[:, [0, 6]], axis=1)
         return np.asarray(off > FAR * _median(off[self.near]))
 
