@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from form_drake import Recording, Stream, identify
 from form_drake.bench.oracles import recorded, run
 from form_drake.files import read_mapping
 from form_drake.interior import Path, Resistance, Seen, friction_of
+from form_drake.interior.faces import carried
+from form_drake.interior.path import FRICTIONS, _least
 from form_drake.interior.resistance import Past
 from form_drake.interior.rub import Rub, Rubbed
 from form_drake.laws import law_named
@@ -119,6 +122,30 @@ def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then(
     assert np.allclose(slope, (np.array(ends) - left).T / 1e-12, rtol=1e-3, atol=1e3)
     assert rub.after(force, np.array([20.0, 0.0])).most == pytest.approx([6.0])
     assert rub.after(force, np.array([-20.0, 0.0])).most == pytest.approx([0.0])
+
+
+def test_a_tool_is_where_it_was_between_the_stamps_of_a_log_of_its_own():
+    X, time = on_face(0, 1), np.linspace(2.0, 3.0, 25)
+    clock = np.arange(1.5, 3.2, 0.04)  # begun before the first frame, and at other times
+
+    def placed(t):
+        angle = 0.02 * np.sin(2.0 * np.pi * t)
+        X_WT = np.tile(np.eye(4), (len(t), 1, 1))
+        X_WT[:, :3, :3] = Rotation.from_rotvec(angle[:, None] * np.eye(3)[1]).as_matrix()
+        X_WT[:, 0, 3] = 3e-3 * np.sin(2.0 * np.pi * t + 1.0)
+        return X_WT
+
+    made = replace(
+        block(np.zeros((25, *X.shape)), X, face=1, contact={"z-": "bonded base"}, p_reference=X),
+        time=time,
+        poses={"base": Stream(clock, placed(clock))},
+    )
+    X_WT = placed(time)
+    p_TX = (X - X_WT[0, :3, 3]) @ X_WT[0, :3, :3]
+    wanted = p_TX @ X_WT[:, :3, :3].swapaxes(1, 2) + X_WT[:, None, :3, 3] - X
+    assert np.abs(carried(made, "base", X) - wanted).max() < 2e-7
+    still = replace(made, poses={"base": Stream(clock[:1], placed(clock[:1]))})
+    assert np.abs(carried(still, "base", X)).max() < 1e-15
 
 
 def test_friction_is_bounded_by_the_pressure_that_there_is_however_long_a_step():
@@ -257,6 +284,20 @@ def test_a_face_that_is_stated_bonded_and_slides_freely_has_no_friction():
     u = np.stack([stretched(X, f) for f in np.linspace(1.0, 0.9, 8)])
     made = block(u, X, face=1, contact={"z-": "bonded floor", "other": "free"}, p_reference=X)
     assert friction_of(Seen.of(made, body(made)), Resistance.plain(POISSON)) < 0.02
+
+
+@pytest.mark.parametrize("true", [0.0, 0.03, 0.1, 0.25, 0.37, 0.6, 2.0])
+def test_the_least_is_found_wherever_it_lies(true):
+    tried = []
+
+    def off(friction):
+        tried.append(friction)
+        return np.log(0.01 + (friction - true) ** 2)  # as the logarithm of a misfit beside noise
+
+    value, least = _least(off, FRICTIONS)
+    assert value == min([off(f) for f in list(tried)])
+    assert least == pytest.approx(min(true, FRICTIONS[-1]), rel=0.1, abs=0.02)
+    assert len(set(tried)) <= 6 and (true > 0.2 or max(tried) <= 0.4)
 
 
 def test_one_face_of_a_pressed_block_gives_stiffness_and_yield(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.interior.rub import Rub
 from form_drake.interior.statics import Grip, Rows, Statics
 from form_drake.motion import Body, Face
+from form_drake.motion.poses import Poses
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
@@ -102,12 +103,12 @@ def holds(recording: Recording, body: Body) -> list[Hold]:
 
 
 def carried(recording: Recording, tool: str, X: np.ndarray) -> np.ndarray:
-    """Displacements of points that a tool carries from its first pose on [m], shape [frames, points, 3]."""
+    """Displacements of points that a tool carries from the first frame on [m], shape [frames, points, 3]."""
     stream = recording.poses.get(tool)
     if stream is None:
         return np.zeros((recording.frames, *X.shape))
-    nearest = np.abs(stream.time - recording.time[:, None]).argmin(axis=1)
-    first, X_WT = np.linalg.inv(stream.value[0]), stream.value[nearest]
+    X_WT = Poses(stream).at(recording.time)
+    first = np.linalg.inv(X_WT[0])
     p_TX = X @ first[:3, :3].T + first[:3, 3]
     return np.asarray(p_TX @ X_WT[:, :3, :3].swapaxes(1, 2) + X_WT[:, None, :3, 3] - X)
 

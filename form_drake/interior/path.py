@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -17,7 +18,8 @@ from form_drake.motion.smoothing import Smoothing, Spread
 
 LOOKS = 12  # frames that stand for all, where not each is needed
 SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
-FRICTIONS = (0.0, 0.1, 0.2, 0.3)  # that are tried
+FRICTIONS = (0.0, 0.1, 0.2, 0.4, 0.8)  # that are tried, as long as they come nearer
+NEAR = 1e-3  # to a friction that was tried, another tells nothing more
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
@@ -192,15 +194,28 @@ def _from_rest(statics: Statics, seen: Seen, friction: float) -> Seen:
 
 
 def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
-    """The least value at four even places, and where a parabola through it and its neighbours is least.
+    """The least value, and where parabolas through it and its neighbours are least.
 
-    There is one least value: on the far side of the greater of the inner two none is looked for.
+    There is one least value: beyond the first place that is no better than the one before it none is
+    looked for. A second parabola begins where the first one is least.
     """
-    inner = function(places[1]), function(places[2])
-    k = 1 if inner[0] <= inner[1] else 2
-    outer = function(places[0 if k == 1 else 3])
-    left, here, right = (outer, *inner) if k == 1 else (*inner, outer)
-    bend, step = left - 2.0 * here + right, places[1] - places[0]
-    shift = 0.5 * (left - right) / bend if bend > 0.0 else float(np.sign(left - right))
-    least = float(np.clip(places[k] + step * shift, places[0], places[-1]))
-    return min(left, here, right), least
+    found = {place: function(place) for place in places[:3]}
+    for last, place in pairwise(places[2:]):
+        if min(found, key=found.__getitem__) < last:
+            break
+        found[place] = function(place)
+    guess = _bottom(found)
+    if min(abs(guess - place) for place in found) > NEAR:
+        found[guess] = function(guess)
+    return min(found.values()), _bottom(found)
+
+
+def _bottom(found: dict[float, float]) -> float:
+    """Where a parabola through the least value and its neighbours is least, none beyond the ends."""
+    places = sorted(found)
+    best = places.index(min(found, key=found.__getitem__))
+    first = min(max(best - 1, 0), len(places) - 3)
+    near = places[first : first + 3]
+    bend, slope, _ = np.polyfit(near, [found[p] for p in near], 2)
+    least = -0.5 * slope / bend if bend > 0.0 else places[best]
+    return float(np.clip(least, near[0], near[-1]))

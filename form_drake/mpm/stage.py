@@ -6,14 +6,14 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from form_drake.effects.world import World
 from form_drake.laws.memory import NEVER
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
+from form_drake.motion.poses import Poses
 from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
 from form_drake.mpm.solids import Solid
@@ -240,16 +240,14 @@ class _Path:
         face: middle of the face of the body in its rest shape [m], shape [3].
         p: place of the middle of the plane in the tool's frame [m], shape [3].
         R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
-        place: of the tool by time [s]; None: it stands still.
-        turn: of the tool by time.
+        poses: of the tool by time from the first frame on [s]; None: it stands still.
     """
 
     tool: str
     face: np.ndarray
     p: np.ndarray
     R: np.ndarray
-    place: object
-    turn: object
+    poses: Poses | None
 
     @classmethod
     def of(cls, recording: Recording, shape: Shape, face: Face) -> "_Path":
@@ -262,16 +260,13 @@ class _Path:
         R = np.stack([across, np.cross(inward, across), inward], axis=1)
         pose = recording.poses.get(face.tool)
         if pose is None:
-            return cls(face.tool, middle, middle, R, None, None)
-        X = np.asarray(pose.value, float)
-        time = np.asarray(pose.time, float) - recording.time[0]
-        first = X[0]
+            return cls(face.tool, middle, middle, R, None)
+        poses = Poses(replace(pose, time=pose.time - recording.time[0]))
+        (first,) = poses.at(np.zeros(1))
         p = first[:3, :3].T @ (middle - first[:3, 3])
         if face.condition != "bonded":  # its plane holds the tool's origin
             p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
-        turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
-        place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
-        return cls(face.tool, middle, p, first[:3, :3].T @ R, place, turn)
+        return cls(face.tool, middle, p, first[:3, :3].T @ R, poses)
 
     def coming(self, share: np.ndarray) -> _Way:
         """The same on the way from the rest shape to where it begins, at shares of that way."""
@@ -280,11 +275,11 @@ class _Path:
 
     def at(self, time: np.ndarray) -> _Way:
         """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""
-        if self.place is None:
+        if self.poses is None:
             shape = (len(time), 1)
             return np.tile(self.p, shape), np.tile(self.R, (*shape, 1))
-        R = self.turn(time).as_matrix()  # type: ignore[operator]
-        return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
+        X = self.poses.at(time)
+        return X[:, :3, 3] + X[:, :3, :3] @ self.p, X[:, :3, :3] @ self.R
 
 
 def _followed(way: _Way, steps: np.ndarray) -> _Way:
