@@ -110,7 +110,7 @@ def test_a_probe_seen_in_the_diagram_is_that_seen_afterwards(tmp_path):
     made = record(prepare(scenario))
     rig = rig_of(scenario, frames_a_second(made))
     write_pictures(tmp_path, scenario, rig, made)
-    pictures = Pictures.found([tmp_path], list(rig.cameras))
+    pictures = Pictures.found([tmp_path], rig.cameras)
     found = completed(tracked(rig, pictures, float(made.time[0])), beside_pictures(made, "x y xy"))
     assert within.frames == found.frames == 4 and within.p_reference is None
     assert np.array_equal(within.p_WQ, found.p_WQ) and within.geometry == found.geometry

@@ -46,8 +46,13 @@ class Track:
         page = None if self.report is None else out_file(self.report, ".html", option="--report")
         rig = Rig.read(self.calibration)
         beside = None if self.probe is None else read(self.probe)
-        pictures = Pictures.found(self.images, list(rig.cameras))
-        _tell(pictures.missing)
+        pictures = Pictures.found(self.images, rig.cameras)
+        _tell(pictures.left_out)
+        if beside is not None and pictures.frames[0]:
+            late = pictures.frames[0] / rig.rate
+            say(
+                f"the first picture is frame {pictures.frames[0]}: {late:.4g} s after the first stamp of {self.probe}"
+            )
         begin = 0.0 if beside is None else float(beside.time[0])
         with tqdm(
             total=len(pictures.frames), unit="frame", disable=None, delay=2, leave=False
@@ -74,6 +79,7 @@ class Track:
             "held": held,
             "seconds_a_frame": seconds,
             "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
+            "unusable_frames": {str(n): why for n, why in pictures.unusable.items()},
             "noise": made.noise,
         }
         text = (
@@ -84,9 +90,9 @@ class Track:
         say(f"written: {out}")
 
 
-def _tell(missing: dict[int, tuple[str, ...]]) -> None:
+def _tell(left_out: dict[int, str]) -> None:
     """Say which frames are left out, and why."""
-    for frame, cameras in list(missing.items())[:GAPS]:
-        say(f"frame {frame}: no picture of {' and '.join(cameras)}, left out")
-    if len(missing) > GAPS:
-        say(f"{len(missing) - GAPS} more frames are left out, to the last, {max(missing)}")
+    for frame, why in list(left_out.items())[:GAPS]:
+        say(f"frame {frame}: {why}, left out")
+    if len(left_out) > GAPS:
+        say(f"{len(left_out) - GAPS} more frames are left out, to the last, {max(left_out)}")

@@ -79,7 +79,7 @@ def tracked(
     Raises:
         ValueError: pictures in which the face is not found, or hardly a point is held.
     """
-    pairs = pictures.read(list(rig.cameras.values()))
+    pairs = pictures.read()
     now: Followed | None = None
     found: list[Sight] = []
     for frame, pair in zip(pictures.frames, pairs, strict=True):
