@@ -230,6 +230,14 @@ def test_a_picture_that_shows_nothing_is_left_out(seen, tmp_path):
     assert "change the exposure" in found.unusable[1] and "not a picture" in found.unusable[4]
 
 
+def test_a_specimen_before_a_black_ground_is_no_wrong_exposure(seen, tmp_path):
+    for path in (seen / "pictures").iterdir():
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        picture[:, :200] = 0
+        cv2.imwrite(str(tmp_path / path.name), picture)
+    assert len(Pictures.found([tmp_path], cameras()).frames) == FRAMES - 1
+
+
 @pytest.mark.parametrize("bits", [12, 16])
 def test_sixteen_bits_are_as_much_finer_than_eight(seen, tmp_path, bits):
     finer, top = 0.3, 2.0**bits - 1.0
