@@ -11,7 +11,7 @@ from numpy.polynomial.chebyshev import chebvander2d
 from form_drake.figures import likeness_over_time, points_on_picture, rests_on_picture
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.rig import Rig
-from form_drake.perceive.seen import Sight
+from form_drake.perceive.seen import Count, Sight
 from form_drake.report import Report
 
 ORDER, LEAST = 9, 3  # of a polynomial along the longer side of the face, and the least across
@@ -38,7 +38,7 @@ def _report(rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> Report:
     report = Report(f"Points on face {rig.face.name}, followed by {' and '.join(rig.cameras)}")
     held = np.array([sight.held for sight in sights])
     rest = 1e6 * np.array([rests(rig, sight, sights[0]) for sight in sights])
-    report.table(["what", "value"], _facts(rig, pictures, sights, held, rest))
+    report.table(["what", "value"], _facts(rig, pictures, sights, rest))
     farthest = int(np.nanargmax([_moved(sight, sights[0]) for sight in sights]))
     looks = sorted({0, farthest, len(sights) - 1})
     if len(looks) < LOOKS:
@@ -125,7 +125,7 @@ def _on_picture(rig: Rig, sight: Sight, rest: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _facts(
-    rig: Rig, pictures: Pictures, sights: Sequence[Sight], held: np.ndarray, rest: np.ndarray
+    rig: Rig, pictures: Pictures, sights: Sequence[Sight], rest: np.ndarray
 ) -> list[list[str]]:
     likeness = np.concatenate([s.likeness[s.held] for s in sights[1:]])
     stated = np.nanmean([s.covariance[s.held].mean(axis=0) for s in sights[1:]], axis=0)
@@ -137,7 +137,7 @@ def _facts(
     missing += f" and {len(left_out) - LOST} more" * (len(left_out) > LOST)
     rows: list[tuple[str, Any]] = [
         ("frames", f"{len(sights)} at {rig.rate:.4g} Hz, without: {missing}"),
-        ("points", f"{held.shape[1]}, {100 * held[1:].mean():.1f} % held"),
+        ("points", str(Count.of(rig, sights))),
         (
             "likeness",
             f"median {np.median(likeness):.3f}, worst twentieth {np.quantile(likeness, 0.05):.3f}",

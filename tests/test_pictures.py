@@ -82,6 +82,7 @@ def test_pictures_alone_give_the_motion(scenario, tmp_path):
     words = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5", "--out", "tracks.h5")
     run_in(tmp_path, "track", *words)
     found = read(tmp_path / "tracks.h5")
+    assert found.points == len(rig.points())
     assert found.on_surface and found.valid is not None and found.valid.mean() > 0.98
     assert found.geometry["symmetry"] == "x y xy" and found.covariance is not None
     assert np.allclose(found.time, made.time)

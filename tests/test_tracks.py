@@ -1,5 +1,6 @@
 """``form-drake track``: pictures in files, in any order and with gaps, become a recording."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -108,6 +109,27 @@ def test_pictures_become_a_recording(seen, tmp_path):
     off = moved - (frames[:, None] * SHIFT)[:, None]
     assert np.sqrt(np.mean(off[1:] ** 2)) < 4e-6
     assert np.sqrt(np.mean(off[1:] ** 2)) < 3.0 * made.noise < 1e-5
+
+
+def test_what_is_lost_is_told_of_all_points(seen, tmp_path, capsys):
+    """Half of the face is hidden after the first picture; frames are counted from 1."""
+    for n in range(2):
+        for name in cameras():
+            picture = cv2.imread(
+                str(seen / "pictures" / f"{name}_000{n}.png"), cv2.IMREAD_GRAYSCALE
+            )
+            picture[:, : n * SIZE[0] // 2] = 90
+            cv2.imwrite(str(tmp_path / f"{name}_{n + 1}.png"), picture)
+    probe = Recording.from_arrays(np.array([2.0, 2.1]), np.zeros((2, 1, 3)))
+    write_recording(probe, tmp_path / "probe.h5")
+    out = tmp_path / "tracks.h5"
+    Track((tmp_path,), seen / "rig.yaml", out, tmp_path / "probe.h5", json=True).run()
+    told = capsys.readouterr()
+    assert "the first picture is frame 1: 0.02 s after" in told.err
+    result, made = json.loads(told.out.splitlines()[-1]), read(out)
+    assert result["asked"] == result["found_first"] == 88 and 30 < result["points"] < 58
+    assert result["points"] == made.points and result["held"] == made.points / 88
+    assert np.allclose(made.time, [2.02, 2.04])
 
 
 def test_a_report_stands_frames_in_which_nothing_is_seen(seen, tmp_path):

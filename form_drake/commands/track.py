@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -38,7 +37,7 @@ class Track:
         """Track, complete with what the probe measured, and write the recording."""
         from form_drake.perceive.pictures import Pictures
         from form_drake.perceive.rig import Rig
-        from form_drake.perceive.seen import Sight, completed, tracked
+        from form_drake.perceive.seen import Count, Sight, completed, tracked
         from form_drake.seen_report import write_seen_report
 
         device(self.device)
@@ -66,7 +65,7 @@ class Track:
             started = time.perf_counter()
             found = tracked(rig, pictures, begin, self.device, seen)
             seconds = (time.perf_counter() - started) / len(pictures.frames)
-        held = float(np.mean(found.valid)) if found.valid is not None else 1.0
+        count = Count.of(rig, sights)
         made = found if beside is None else completed(found, beside)
         write_recording(made, out)
         if page is not None:
@@ -76,14 +75,16 @@ class Track:
             "recording": str(out),
             "frames": made.frames,
             "points": made.points,
-            "held": held,
+            "asked": count.asked,
+            "found_first": count.first,
+            "held": count.held,
             "seconds_a_frame": seconds,
             "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
             "unusable_frames": {str(n): why for n, why in pictures.unusable.items()},
             "noise": made.noise,
         }
         text = (
-            f"{made.frames} frames of {made.points} points on face {rig.face.name}, {100.0 * held:.1f} % held,"
+            f"{made.frames} frames of {made.points} points on face {rig.face.name}: {count},"
             f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate, {seconds:.2g} s a frame"
         )
         emit(text, result, as_json=self.json)

@@ -57,6 +57,36 @@ class Sight:
         return np.asarray(np.isfinite(self.p_WQ).all(axis=1))
 
 
+@dataclass(frozen=True)
+class Count:
+    """How many points were followed.
+
+    Attributes:
+        asked: points of the rig.
+        first: of them, those found in the first pictures.
+        again: of these, those ever found again.
+        held: share of all that were asked for in all frames after the first.
+    """
+
+    asked: int
+    first: int
+    again: int
+    held: float
+
+    @classmethod
+    def of(cls, rig: Rig, sights: Sequence[Sight]) -> "Count":
+        """Of what was seen at two times at least."""
+        asked, held = len(rig.points()), np.array([sight.held for sight in sights[1:]])
+        again = int(held.any(axis=0).sum())
+        return cls(asked, held.shape[1], again, float(held.sum() / (len(held) * asked)))
+
+    def __str__(self) -> str:
+        return (
+            f"{self.asked} asked for, {self.first} found in the first pictures, {self.again} found again,"
+            f" {100.0 * self.held:.1f} % held"
+        )
+
+
 def tracked(
     rig: Rig,
     pictures: Pictures,
