@@ -120,7 +120,10 @@ def test_what_is_lost_is_told_of_all_points(seen, tmp_path, capsys):
             )
             picture[:, : n * SIZE[0] // 2] = 90
             cv2.imwrite(str(tmp_path / f"{name}_{n + 1}.png"), picture)
-    probe = Recording.from_arrays(np.array([2.0, 2.1]), np.zeros((2, 1, 3)))
+    nothing, volume = np.zeros((2, 4, 3)), np.full(4, 1e-9)  # of its own points, which are others
+    probe = Recording.from_arrays(
+        np.array([2.0, 2.1]), nothing, volume=volume, body_force=nothing, v_0=nothing[0]
+    )
     write_recording(probe, tmp_path / "probe.h5")
     out = tmp_path / "tracks.h5"
     Track((tmp_path,), seen / "rig.yaml", out, tmp_path / "probe.h5", json=True).run()
@@ -129,7 +132,7 @@ def test_what_is_lost_is_told_of_all_points(seen, tmp_path, capsys):
     result, made = json.loads(told.out.splitlines()[-1]), read(out)
     assert result["asked"] == result["found_first"] == 88 and 30 < result["points"] < 58
     assert result["points"] == made.points and result["held"] == made.points / 88
-    assert np.allclose(made.time, [2.02, 2.04])
+    assert np.allclose(made.time, [2.02, 2.04]) and made.volume is None and made.v_0 is None
 
 
 def test_a_report_stands_frames_in_which_nothing_is_seen(seen, tmp_path):
@@ -188,6 +191,8 @@ def test_cameras_that_are_none_are_refused(seen):
     rig_of.write(path)
     with pytest.raises(ValueError, match="camera left: X_WC is no pose"):
         Rig.read(path)
+    with pytest.raises(ValueError, match="left and right see the face from one direction"):
+        replace(rig, cameras={**rig.cameras, "right": left})
     with pytest.raises(ValueError, match="two are wanted"):
         replace(rig, cameras={"left": left})
 

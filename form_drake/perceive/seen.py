@@ -1,7 +1,7 @@
 """From pictures of two cameras to a recording of the points of a face."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -172,17 +172,15 @@ def gathered(rig: Rig, sights: Sequence[Sight]) -> Recording:
 
 
 def completed(tracks: Recording, probe: Recording) -> Recording:
-    """Tracks with what was measured beside them: poses, forces, joints and statements."""
+    """Tracks with what was measured beside them: poses, forces, joints and statements.
+
+    Of points and frames is told what the tracks tell: those of the probe are others.
+    """
+    own = [
+        f.name for f in fields(Recording) if {"points", "frames"} & {*f.metadata.get("dims", ())}
+    ]
     return replace(
         probe,
-        time=tracks.time,
-        p_WQ=tracks.p_WQ,
-        valid=tracks.valid,
-        visible=tracks.visible,
-        face=tracks.face,
-        p_reference=None,
-        noise=tracks.noise,
-        covariance=tracks.covariance,
-        cameras=tracks.cameras,
+        **{name: getattr(tracks, name) for name in (*own, "states", "noise", "cameras")},
         geometry={**probe.geometry, **tracks.geometry},
     )
