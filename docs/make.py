@@ -91,6 +91,7 @@ API = {
     "Perception": (
         "form_drake.perceive.seen.tracked",
         "form_drake.perceive.seen.Sight",
+        "form_drake.perceive.seen.Count",
         "form_drake.perceive.seen.followed",
         "form_drake.perceive.seen.gathered",
         "form_drake.seen_report.write_seen_report",

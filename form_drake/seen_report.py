@@ -11,12 +11,12 @@ from numpy.polynomial.chebyshev import chebvander2d
 from form_drake.figures import likeness_over_time, points_on_picture, rests_on_picture
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.rig import Rig
-from form_drake.perceive.seen import Sight
+from form_drake.perceive.seen import Count, Sight
 from form_drake.report import Report
 
 ORDER, LEAST = 9, 3  # of a polynomial along the longer side of the face, and the least across
 TOLD = 4.0  # points for each of its terms, at least
-LOST = 5  # frames without pictures that are told one by one
+LOST = 5  # frames that are left out and are told one by one
 LOOKS = 3  # pictures of each camera that are shown
 
 
@@ -38,7 +38,7 @@ def _report(rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> Report:
     report = Report(f"Points on face {rig.face.name}, followed by {' and '.join(rig.cameras)}")
     held = np.array([sight.held for sight in sights])
     rest = 1e6 * np.array([rests(rig, sight, sights[0]) for sight in sights])
-    report.table(["what", "value"], _facts(rig, pictures, sights, held, rest))
+    report.table(["what", "value"], _facts(rig, pictures, sights, rest))
     farthest = int(np.nanargmax([_moved(sight, sights[0]) for sight in sights]))
     looks = sorted({0, farthest, len(sights) - 1})
     if len(looks) < LOOKS:
@@ -48,11 +48,10 @@ def _report(rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> Report:
         "Points are coloured by how unlike their surroundings have become to the first picture; crosses are"
         " points that were lost, where they were seen last."
     )
-    cameras = list(rig.cameras.values())
     for n, name in enumerate(rig.cameras):
         rows = []
         for k in looks:
-            picture, sight = pictures.pair(k, cameras)[n], sights[k]
+            picture, sight = pictures.pair(k)[n], sights[k]
             rows.append((picture, sight.pixel[n], sight.likeness, _last(sights[: k + 1], n)))
         titles = [f"{name}, t = {sights[k].time:.2f} s" for k in looks]
         report.figure(points_on_picture(rows, titles), f"Camera {name}")
@@ -62,7 +61,7 @@ def _report(rig: Rig, pictures: Pictures, sights: Sequence[Sight]) -> Report:
         " of them: noise of the correlation, and what is finer than that polynomial. Arrows lie in the face; colours"
         " tell the part that sticks out of it."
     )
-    picture = pictures.pair(farthest, cameras)[0]
+    picture = pictures.pair(farthest)[0]
     away = _on_picture(rig, sights[farthest], rest[farthest])
     if np.isfinite(rest[farthest]).any():
         report.figure(
@@ -126,18 +125,19 @@ def _on_picture(rig: Rig, sight: Sight, rest: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _facts(
-    rig: Rig, pictures: Pictures, sights: Sequence[Sight], held: np.ndarray, rest: np.ndarray
+    rig: Rig, pictures: Pictures, sights: Sequence[Sight], rest: np.ndarray
 ) -> list[list[str]]:
     likeness = np.concatenate([s.likeness[s.held] for s in sights[1:]])
     stated = np.nanmean([s.covariance[s.held].mean(axis=0) for s in sights[1:]], axis=0)
     axis = rig.face.axis
     across = [a for a in range(3) if a != axis]
     deviation = 1e6 * np.sqrt(np.diag(stated))
-    missing = ", ".join(map(str, list(pictures.missing)[:LOST])) or "none"
-    missing += f" and {len(pictures.missing) - LOST} more" * (len(pictures.missing) > LOST)
+    left_out = list(pictures.left_out)
+    missing = ", ".join(map(str, left_out[:LOST])) or "none"
+    missing += f" and {len(left_out) - LOST} more" * (len(left_out) > LOST)
     rows: list[tuple[str, Any]] = [
         ("frames", f"{len(sights)} at {rig.rate:.4g} Hz, without: {missing}"),
-        ("points", f"{held.shape[1]}, {100 * held[1:].mean():.1f} % held"),
+        ("points", str(Count.of(rig, sights))),
         (
             "likeness",
             f"median {np.median(likeness):.3f}, worst twentieth {np.quantile(likeness, 0.05):.3f}",

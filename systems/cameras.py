@@ -25,7 +25,7 @@ class _Cameras(LeafSystem):
         raise NotImplementedError
 
     def pair(self, context: Context) -> list[np.ndarray]:
-        """Grey values of every camera, uint8."""
+        """Grey values of every camera, 0 to 255."""
         raise NotImplementedError
 
     def _ports(self, rig: Rig) -> None:
@@ -34,7 +34,7 @@ class _Cameras(LeafSystem):
             width, height = camera.size
 
             def image(context: Context, output: Value, n: int = n) -> None:
-                grey = self._pair.Eval(context)[n]
+                grey = np.round(np.minimum(self._pair.Eval(context)[n], 255))
                 found = output.get_mutable_value()
                 found.mutable_data[..., :3] = grey[..., None]
                 found.mutable_data[..., 3] = 255
@@ -80,7 +80,7 @@ class SpeckleCameras(_Cameras):
 
 
 class PictureFiles(_Cameras):
-    """Pictures of two cameras from files, each shown until the next; frames that lack one are not.
+    """Pictures of two cameras from files, each shown until the next; frames of which one cannot be used are not.
 
     Ports: out ``<camera>.color_image`` and ``<camera>.image_time``.
 
@@ -95,15 +95,14 @@ class PictureFiles(_Cameras):
 
     def __init__(self, rig: Rig, places: list[Path], begin: float = 0.0):
         super().__init__()
-        self._pictures = Pictures.found(places, list(rig.cameras))
-        self._cameras = list(rig.cameras.values())
+        self._pictures = Pictures.found(places, rig.cameras)
         self._time = begin + np.array(self._pictures.frames) / rig.rate
         self._ports(rig)
 
     @property
-    def missing(self) -> dict[int, tuple[str, ...]]:
-        """Frames that are left out, and the cameras that have no picture there."""
-        return self._pictures.missing
+    def left_out(self) -> dict[int, str]:
+        """Frames that are left out, and why."""
+        return self._pictures.left_out
 
     @property
     def end(self) -> float:
@@ -116,7 +115,7 @@ class PictureFiles(_Cameras):
 
     def pair(self, context: Context) -> list[np.ndarray]:
         """As of the base."""
-        return self._pictures.pair(self._frame(context), self._cameras)
+        return self._pictures.pair(self._frame(context))
 
     def _frame(self, context: Context) -> int:
         late = 1e-9 + context.get_time()

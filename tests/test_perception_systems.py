@@ -122,7 +122,7 @@ def files(scenario, rig, tmp_path_factory):
         np.arange(FRAMES) / RATE, moved, p_reference=stretched(scenario, 0.0)[0]
     )
     write_pictures(folder, scenario, rig, particles)
-    return folder, tracked(rig, Pictures.found([folder], list(rig.cameras)))
+    return folder, tracked(rig, Pictures.found([folder], rig.cameras))
 
 
 def same(results, recording):

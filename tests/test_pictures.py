@@ -1,19 +1,21 @@
 """Pictures of a specimen whose motion is known, tracked by a process that sees nothing else."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
 
 from form_drake import Recording, Stream, identify, read
+from form_drake.commands import simulate
 from form_drake.commands.output import run_in
-from form_drake.commands.simulate import Simulate
 from form_drake.perceive.optics import projected
 from form_drake.perceive.pictures import Pictures
 from form_drake.perceive.rig import RIM
 from form_drake.perceive.seen import completed, tracked
 from form_drake.records import write_recording
+from form_drake.systems import probe
 from form_drake.systems.pictures import (
     beside_pictures,
     frames_a_second,
@@ -27,12 +29,12 @@ from form_drake.systems.station import specimen_corners
 
 STRETCH = np.array([1.03, 1.03, 0.93])
 FRAMES = 4
+SMALL = ("stereo.size=[320, 240]", "stereo.focus=2000", "specimen.material.tau_y=1e3")
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    small = ("stereo.size=[320, 240]", "stereo.focus=2000", "specimen.material.tau_y=1e3")
-    return seen_by_cameras(load_scenario("press", small))
+    return seen_by_cameras(load_scenario("press", SMALL))
 
 
 def particles(scenario):
@@ -75,13 +77,14 @@ def test_pictures_alone_give_the_motion(scenario, tmp_path):
     rig = rig_of(scenario, 30.0)
     (tmp_path / "pictures").mkdir()
     rig.write(tmp_path / "rig.yaml")
-    probe = beside_pictures(made, scenario.stereo.symmetry)
-    assert probe.points == 1 and probe.p_reference is None
-    write_recording(probe, tmp_path / "probe.h5")
+    beside = beside_pictures(made, scenario.stereo.symmetry)
+    assert beside.points == 1 and beside.p_reference is None
+    write_recording(beside, tmp_path / "probe.h5")
     write_pictures(tmp_path / "pictures", scenario, rig, made)
     words = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5", "--out", "tracks.h5")
     run_in(tmp_path, "track", *words)
     found = read(tmp_path / "tracks.h5")
+    assert found.points == len(rig.points())
     assert found.on_surface and found.valid is not None and found.valid.mean() > 0.98
     assert found.geometry["symmetry"] == "x y xy" and found.covariance is not None
     assert np.allclose(found.time, made.time)
@@ -110,7 +113,7 @@ def test_a_probe_seen_in_the_diagram_is_that_seen_afterwards(tmp_path):
     made = record(prepare(scenario))
     rig = rig_of(scenario, frames_a_second(made))
     write_pictures(tmp_path, scenario, rig, made)
-    pictures = Pictures.found([tmp_path], list(rig.cameras))
+    pictures = Pictures.found([tmp_path], rig.cameras)
     found = completed(tracked(rig, pictures, float(made.time[0])), beside_pictures(made, "x y xy"))
     assert within.frames == found.frames == 4 and within.p_reference is None
     assert np.array_equal(within.p_WQ, found.p_WQ) and within.geometry == found.geometry
@@ -121,7 +124,9 @@ def test_a_probe_seen_in_the_diagram_is_that_seen_afterwards(tmp_path):
 
 def test_a_scenario_that_no_camera_sees_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"stereo\.face"):
-        Simulate("press_a", ("stereo.face=top",), perception="stereo", out=tmp_path / "o").run()
+        simulate.Simulate(
+            "press_a", ("stereo.face=top",), perception="stereo", out=tmp_path / "o"
+        ).run()
     assert not (tmp_path / "o").exists()
 
 
@@ -129,6 +134,22 @@ def test_a_process_that_fails_says_why_in_a_line(tmp_path):
     with pytest.raises(ValueError, match=r"rig\.yaml: no such file") as told:
         run_in(tmp_path, "track", "pictures", "--calibration", "rig.yaml", "--out", "tracks.h5")
     assert "\n" not in str(told.value)
+
+
+def test_what_was_simulated_is_kept_where_tracking_fails(scenario, tmp_path, monkeypatch):
+    def fails(folder, *words):
+        raise ValueError(f"{words[0]}: lost")
+
+    made = particles(scenario)
+    monkeypatch.setattr(probe, "prepare", lambda *_, **__: SimpleNamespace(duration=0.1))
+    monkeypatch.setattr(probe, "record", lambda *_: made)
+    monkeypatch.setattr(simulate, "run_in", fails)
+    out = tmp_path / "o"
+    with pytest.raises(ValueError, match=r"track: lost; .* are kept in .*o.seen") as told:
+        simulate.Simulate("press", SMALL, perception="stereo", out=out, page=False).run()
+    assert "\n" not in str(told.value) and read(out / "seen" / "probe.h5").points == 1
+    assert len(list((out / "seen" / "pictures").iterdir())) == 2 * FRAMES
+    assert (out / "truth.json").is_file() and not (out / "recording.h5").exists()
 
 
 def test_the_right_camera_may_be_turned_from_its_calibration(scenario, tmp_path):

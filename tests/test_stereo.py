@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from form_drake.perceive.optics import looking
+from form_drake.perceive.optics import looking, projected
 from form_drake.perceive.render import Light, Renderer, Surface
 from form_drake.perceive.seen import APART, Sight
 from form_drake.perceive.speckle import speckle
@@ -71,6 +71,31 @@ def test_a_rigid_body_moves_as_one(pairs):
     assert np.abs(strain[:2]).max() < 1e-4
     square = np.einsum("pi,pij,pj->p", off, np.linalg.inv(last.covariance[held]), off)
     assert 2.0 < np.mean(square) < 4.5  # three where covariances are right
+
+
+def test_spots_that_show_nothing_cost_their_points_alone(pairs):
+    """Bare in the left picture, white to the end of the sensor in the right one."""
+    X, normal = points(), np.tile([0.0, 0.0, -1.0], (len(points()), 1))
+    plain = Stereo.of(CAMERAS, pairs[0], X, normal)
+    left, right = (picture.copy() for picture in pairs[0])
+    left[120:180, 120:180], right[120:180, 230:290] = 90, 255
+    stereo = Stereo.of(CAMERAS, [left, right], X, normal)
+    at = [projected(camera, X) for camera in CAMERAS]
+    spots = zip(at, ([149.5, 149.5], [259.5, 149.5]), strict=True)
+    within, near = np.zeros((2, len(X)), bool)
+    for pixel, middle in spots:
+        off = np.abs(pixel - middle).max(axis=1)
+        within, near = within | (off < 18.0), near | (off < 45.0)
+    assert within.sum() > 5 and not stereo.chosen[within].any()
+    assert np.array_equal(stereo.chosen[~near], plain.chosen[~near])
+
+
+@pytest.mark.parametrize(("grey", "words"), [(90, "has no texture"), (255, "change the exposure")])
+def test_where_hardly_a_point_is_left_it_is_said_why(pairs, grey, words):
+    bare = pairs[0][0].copy()
+    bare[:, 60:] = grey
+    with pytest.raises(ValueError, match=rf"\d+ of \d+ points .*{words}"):
+        Stereo.of(CAMERAS, [bare, pairs[0][1]], points(), np.tile([0.0, 0.0, -1.0], (143, 1)))
 
 
 def test_swapped_cameras_are_told(pairs):

@@ -1,5 +1,6 @@
 """``form-drake track``: pictures in files, in any order and with gaps, become a recording."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -99,7 +100,9 @@ def test_pictures_become_a_recording(seen, tmp_path):
     assert made.frames == FRAMES - 1 and made.density == 900.0 and set(made.forces) == {"plate"}
     frames = np.array([n for n in range(FRAMES) if n != GAP])
     assert np.allclose(made.time, 2.0 + frames / 50.0)
-    assert made.face is not None and np.all(made.face == 5) and made.points > 90
+    rig = Rig.read(seen / "rig.yaml")
+    assert made.face is not None and np.all(made.face == 5)
+    assert made.points == len(rig.points()) == 88
     assert made.valid is not None and made.valid.mean() > 0.95
     held = made.valid.all(axis=0)
     moved = made.p_WQ[:, held] - made.p_WQ[:1, held]
@@ -108,9 +111,33 @@ def test_pictures_become_a_recording(seen, tmp_path):
     assert np.sqrt(np.mean(off[1:] ** 2)) < 3.0 * made.noise < 1e-5
 
 
+def test_what_is_lost_is_told_of_all_points(seen, tmp_path, capsys):
+    """Half of the face is hidden after the first picture; frames are counted from 1."""
+    for n in range(2):
+        for name in cameras():
+            picture = cv2.imread(
+                str(seen / "pictures" / f"{name}_000{n}.png"), cv2.IMREAD_GRAYSCALE
+            )
+            picture[:, : n * SIZE[0] // 2] = 90
+            cv2.imwrite(str(tmp_path / f"{name}_{n + 1}.png"), picture)
+    nothing, volume = np.zeros((2, 4, 3)), np.full(4, 1e-9)  # of its own points, which are others
+    probe = Recording.from_arrays(
+        np.array([2.0, 2.1]), nothing, volume=volume, body_force=nothing, v_0=nothing[0]
+    )
+    write_recording(probe, tmp_path / "probe.h5")
+    out = tmp_path / "tracks.h5"
+    Track((tmp_path,), seen / "rig.yaml", out, tmp_path / "probe.h5", json=True).run()
+    told = capsys.readouterr()
+    assert "the first picture is frame 1: 0.02 s after" in told.err
+    result, made = json.loads(told.out.splitlines()[-1]), read(out)
+    assert result["asked"] == result["found_first"] == 88 and 30 < result["points"] < 58
+    assert result["points"] == made.points and result["held"] == made.points / 88
+    assert np.allclose(made.time, [2.02, 2.04]) and made.volume is None and made.v_0 is None
+
+
 def test_a_report_stands_frames_in_which_nothing_is_seen(seen, tmp_path):
     rig = Rig.read(seen / "rig.yaml")
-    pictures, sights = Pictures.found([seen / "pictures"], list(rig.cameras)), []
+    pictures, sights = Pictures.found([seen / "pictures"], rig.cameras), []
     tracked(rig, pictures, progress=lambda _, sight: sights.append(sight))
     left = rests(rig, sights[1], sights[0])[sights[1].held]
     assert np.isfinite(left).all() and 0.0 < np.sqrt(np.mean(left**2)) < 1e-5
@@ -164,6 +191,8 @@ def test_cameras_that_are_none_are_refused(seen):
     rig_of.write(path)
     with pytest.raises(ValueError, match="camera left: X_WC is no pose"):
         Rig.read(path)
+    with pytest.raises(ValueError, match="left and right see the face from one direction"):
+        replace(rig, cameras={**rig.cameras, "right": left})
     with pytest.raises(ValueError, match="two are wanted"):
         replace(rig, cameras={"left": left})
 
@@ -197,7 +226,7 @@ def test_bad_pictures_are_one_line(seen, tmp_path, change, words):
             continue
         cv2.imwrite(str(tmp_path / name), picture)
     if change == "text":
-        (tmp_path / "left_0002.png").write_text("no picture")
+        (tmp_path / "left_0000.png").write_text("no picture")
     rig.write(tmp_path / "rig.yaml")
     out = tmp_path / "tracks.h5"
     with pytest.raises(ValueError, match=words) as told:
@@ -207,10 +236,66 @@ def test_bad_pictures_are_one_line(seen, tmp_path, change, words):
 
 
 def test_frames_are_brought_together_in_any_order(seen):
-    names = ["left", "right"]
+    names = cameras()
     files = sorted((seen / "pictures").iterdir(), reverse=True)
     found = Pictures.found(files, names)
     assert found.frames == tuple(n for n in range(FRAMES) if n != GAP)
     assert found.missing == {GAP: ("right",)}
     with pytest.raises(ValueError, match="both frame"):
         Pictures.found([*files, files[0]], names)
+
+
+def test_a_picture_that_shows_nothing_is_left_out(seen, tmp_path):
+    for path in (seen / "pictures").iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    flash, torn = tmp_path / "left_0001.png", tmp_path / "right_0004.png"
+    cv2.imwrite(str(flash), np.full(SIZE[::-1], 255, np.uint8))
+    torn.write_bytes(torn.read_bytes()[:-2000])
+    found = Pictures.found([tmp_path], cameras())
+    assert found.frames == (0, 2, 5) and len(list(found.read())) == 3
+    assert list(found.left_out) == [1, GAP, 4] and found.left_out[GAP] == "no picture of right"
+    assert "change the exposure" in found.unusable[1] and "not a picture" in found.unusable[4]
+
+
+def test_a_specimen_before_a_black_ground_is_no_wrong_exposure(seen, tmp_path):
+    for path in (seen / "pictures").iterdir():
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        picture[:, :200] = 0
+        cv2.imwrite(str(tmp_path / path.name), picture)
+    assert len(Pictures.found([tmp_path], cameras()).frames) == FRAMES - 1
+
+
+@pytest.mark.parametrize("bits", [12, 16])
+def test_sixteen_bits_are_as_much_finer_than_eight(seen, tmp_path, bits):
+    finer, top = 0.3, 2.0**bits - 1.0
+    for path in (seen / "pictures").iterdir():
+        grey = np.minimum(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) + finer, 255.0)
+        grey[0, 0] = 255.0  # by which a picture tells how many bits there are
+        cv2.imwrite(str(tmp_path / path.name), np.round(grey * top / 255.0).astype(np.uint16))
+    coarse, fine = (Pictures.found([p], cameras()) for p in (seen / "pictures", tmp_path))
+    for a, b in zip(coarse.pair(1), fine.pair(1), strict=True):
+        assert np.abs(b - np.minimum(a + finer, 255.0))[1:].max() < 128.0 / top
+
+
+def test_pictures_are_read_as_the_sensor_lies(seen, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    upside_down = image.Exif()
+    upside_down[0x0112] = 3
+    for path in (seen / "pictures").iterdir():
+        picture = image.open(path)
+        picture.save(tmp_path / f"{path.stem}.jpg", quality=98, exif=upside_down)
+    plain, told = (Pictures.found([p], cameras()).pair(0)[0] for p in (seen / "pictures", tmp_path))
+    assert np.abs(plain.astype(float) - told).mean() < 2.0
+
+
+def test_other_depths_and_stamps_are_refused_in_a_line(tmp_path):
+    for n in range(3):
+        for name in ("left", "right"):
+            cv2.imwrite(str(tmp_path / f"{name}_{n}.tif"), np.ones(SIZE[::-1], np.float32))
+    with pytest.raises(ValueError, match="grey values of float32; 8 and 16 bits are read"):
+        Pictures.found([tmp_path], cameras())
+    for path in list(tmp_path.iterdir()):
+        name, n = path.stem.split("_")
+        path.rename(tmp_path / f"{name}_{10**18 + int(n) * 33333333}.tif")
+    with pytest.raises(ValueError, match=r"counts frames .* no stamp"):
+        Pictures.found([tmp_path], cameras())

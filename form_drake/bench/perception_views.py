@@ -124,7 +124,7 @@ def _looked(scenario: "Scenario", particles: Recording, kept: Kept) -> Recording
             if n and not kept(n):
                 for path in folder.glob(f"*_{n:05d}.png"):
                     path.unlink()
-        pictures = Pictures.found([folder], list(rig.cameras))
+        pictures = Pictures.found([folder], rig.cameras)
         return completed(tracked(rig, pictures, float(probe.time[0])), probe)
 
 

@@ -90,13 +90,15 @@ class Simulate:
             recording = record(run, lambda *_: bar.update())
         with whole_folder(out) as folder:
             if seen and not within:
-                recording = self._looked(scenario, recording, folder)
+                self._look(scenario, recording, folder / "seen")
             else:
                 write_recording(recording, folder / "recording.h5")
             write_json(folder / "truth.json", hidden)
             write_text(folder / "scenario.yaml", scenario_text(self.scenario, changes, hidden=True))
             if meshcat is not None and self.page:
                 run.write_page(folder / "station.html")
+        if seen and not within:
+            recording = self._tracked(out)
         result = {
             "scenario": scenario.name,
             "recording": str(out / "recording.h5"),
@@ -111,8 +113,8 @@ class Simulate:
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
 
-    def _looked(self, scenario: "Scenario", particles: Recording, folder: Path) -> Recording:
-        """Write what cameras see of the particles, and the recording that a process makes of that alone."""
+    def _look(self, scenario: "Scenario", particles: Recording, seen: Path) -> None:
+        """Write what cameras see of the particles, their rig and what is measured beside them."""
         from form_drake.systems.pictures import (
             beside_pictures,
             frames_a_second,
@@ -121,27 +123,28 @@ class Simulate:
         )
 
         rig = rig_of(scenario, frames_a_second(particles))
-        seen = folder / "seen"
         (seen / "pictures").mkdir(parents=True)
         rig.write(seen / "rig.yaml")
         write_recording(beside_pictures(particles, scenario.stereo.symmetry), seen / "probe.h5")
         with tqdm(total=particles.frames, unit="pair", disable=None, delay=2, leave=False) as bar:
             write_pictures(seen / "pictures", scenario, rig, particles, self.device, bar.update)
-        words = [
-            "pictures",
-            "--calibration",
-            "rig.yaml",
-            "--probe",
-            "probe.h5",
-            "--out",
-            "tracks.h5",
-            "--report",
-            "seen.html",
-        ]
-        run_in(seen, "track", *words, "--device", self.device)
-        (seen / "tracks.h5").rename(folder / "recording.h5")
-        (seen / "seen.html").rename(folder / "seen.html")
-        return read_recording(folder / "recording.h5")
+
+    def _tracked(self, out: Path) -> Recording:
+        """The recording that a process makes of what cameras saw alone.
+
+        Raises:
+            ValueError: it fails; what was simulated is kept.
+        """
+        recording, page = (str(out.resolve() / name) for name in ("recording.h5", "seen.html"))
+        given = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5")
+        made = ("--out", recording, "--report", page, "--device", self.device)
+        try:
+            run_in(out / "seen", "track", *given, *made)
+        except ValueError as error:
+            raise ValueError(
+                f"{error}; pictures, rig and probe are kept in {out / 'seen'}: form-drake track reads them"
+            ) from None
+        return read_recording(Path(recording))
 
 
 def _tell(answer: "Answer") -> None:

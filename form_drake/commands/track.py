@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -38,7 +37,7 @@ class Track:
         """Track, complete with what the probe measured, and write the recording."""
         from form_drake.perceive.pictures import Pictures
         from form_drake.perceive.rig import Rig
-        from form_drake.perceive.seen import Sight, completed, tracked
+        from form_drake.perceive.seen import Count, Sight, completed, tracked
         from form_drake.seen_report import write_seen_report
 
         device(self.device)
@@ -46,8 +45,13 @@ class Track:
         page = None if self.report is None else out_file(self.report, ".html", option="--report")
         rig = Rig.read(self.calibration)
         beside = None if self.probe is None else read(self.probe)
-        pictures = Pictures.found(self.images, list(rig.cameras))
-        _tell(pictures.missing)
+        pictures = Pictures.found(self.images, rig.cameras)
+        _tell(pictures.left_out)
+        if beside is not None and pictures.frames[0]:
+            late = pictures.frames[0] / rig.rate
+            say(
+                f"the first picture is frame {pictures.frames[0]}: {late:.4g} s after the first stamp of {self.probe}"
+            )
         begin = 0.0 if beside is None else float(beside.time[0])
         with tqdm(
             total=len(pictures.frames), unit="frame", disable=None, delay=2, leave=False
@@ -61,7 +65,7 @@ class Track:
             started = time.perf_counter()
             found = tracked(rig, pictures, begin, self.device, seen)
             seconds = (time.perf_counter() - started) / len(pictures.frames)
-        held = float(np.mean(found.valid)) if found.valid is not None else 1.0
+        count = Count.of(rig, sights)
         made = found if beside is None else completed(found, beside)
         write_recording(made, out)
         if page is not None:
@@ -71,22 +75,25 @@ class Track:
             "recording": str(out),
             "frames": made.frames,
             "points": made.points,
-            "held": held,
+            "asked": count.asked,
+            "found_first": count.first,
+            "held": count.held,
             "seconds_a_frame": seconds,
             "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
+            "unusable_frames": {str(n): why for n, why in pictures.unusable.items()},
             "noise": made.noise,
         }
         text = (
-            f"{made.frames} frames of {made.points} points on face {rig.face.name}, {100.0 * held:.1f} % held,"
+            f"{made.frames} frames of {made.points} points on face {rig.face.name}: {count},"
             f" {1e6 * (made.noise or 0.0):.2g} um of noise in a coordinate, {seconds:.2g} s a frame"
         )
         emit(text, result, as_json=self.json)
         say(f"written: {out}")
 
 
-def _tell(missing: dict[int, tuple[str, ...]]) -> None:
+def _tell(left_out: dict[int, str]) -> None:
     """Say which frames are left out, and why."""
-    for frame, cameras in list(missing.items())[:GAPS]:
-        say(f"frame {frame}: no picture of {' and '.join(cameras)}, left out")
-    if len(missing) > GAPS:
-        say(f"{len(missing) - GAPS} more frames are left out, to the last, {max(missing)}")
+    for frame, why in list(left_out.items())[:GAPS]:
+        say(f"frame {frame}: {why}, left out")
+    if len(left_out) > GAPS:
+        say(f"{len(left_out) - GAPS} more frames are left out, to the last, {max(left_out)}")

@@ -42,7 +42,8 @@ class Parts:
         values: grey values less their mean, shape [parts, pixels].
         mean: that mean, shape [parts].
         light: what brightness, contrast and blur change, orthonormal, shape [parts, pixels, 5].
-        steps: of a warp by grey values, shape [parts, 12, pixels].
+        steps: of a warp by grey values; none where texture shows none, shape [parts, 12, pixels].
+        shows: whether texture shows how they move, shape [parts].
         device: Warp device on which they are sought.
     """
 
@@ -53,6 +54,7 @@ class Parts:
     mean: np.ndarray
     light: np.ndarray
     steps: np.ndarray
+    shows: np.ndarray
     device: str = "cpu"
 
     @classmethod
@@ -75,13 +77,13 @@ class Parts:
             device: Warp device on which they are sought.
 
         Raises:
-            ValueError: a part leaves the picture, or has no texture.
+            ValueError: a part leaves the picture.
         """
         high = np.array(picture.shape[::-1]) - 1.0
         room = np.minimum(middle, high - middle).min(axis=1) - half - MARGIN
         if room.min(initial=0.0) < 0.0:
             raise ValueError(
-                f"a part at {_told(middle, room)} px leaves the picture of {high[0] + 1:g} x"
+                f"a part at {place(middle[room.argmin()])} px leaves the picture of {high[0] + 1:g} x"
                 f" {high[1] + 1:g} px; its rim is {half} px from its middle"
             )
         told = read(picture, middle[:, None] + grid(half))
@@ -94,8 +96,8 @@ class Parts:
         light = np.linalg.qr(np.stack([np.ones_like(values), values, *bends], axis=-1))[0]
         faint = np.sqrt(np.mean(values**2, axis=1)) < FAINT
         steps = np.zeros((len(middle), SIZE, values.shape[1]))
-        steps[:, chosen] = _solved(columns[..., chosen], light, faint, middle)
-        return cls(middle, half, len(chosen), values, mean, light, steps, device)
+        shows, steps[:, chosen] = _solved(columns[..., chosen], light, faint)
+        return cls(middle, half, len(chosen), values, mean, light, steps, shows, device)
 
     @cached_property
     def arrays(self) -> list[Any]:
@@ -160,28 +162,23 @@ def _together(left: np.ndarray) -> np.ndarray:
     return np.asarray(found / max(found[REACH, REACH], TINY) * share * share[:, None])
 
 
-def _told(middle: np.ndarray, size: np.ndarray) -> str:
-    """Where the worst part is."""
-    x, y = middle[int(size.argmin())]
-    return f"({x:.1f}, {y:.1f})"
+def place(pixel: np.ndarray) -> str:
+    """A pixel in words."""
+    return f"({pixel[0]:.1f}, {pixel[1]:.1f})"
 
 
 def _solved(
-    columns: np.ndarray, light: np.ndarray, faint: np.ndarray, middle: np.ndarray
-) -> np.ndarray:
-    """Steps by grey values, shape [parts, numbers, pixels]."""
+    columns: np.ndarray, light: np.ndarray, faint: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which parts show how they move, and steps by grey values, shape [parts, numbers, pixels]."""
     columns = columns - light @ (light.transpose(0, 2, 1) @ columns)
-    length = np.linalg.norm(columns, axis=1)
-    columns = columns / np.maximum(length, TINY)[:, None]
+    length = np.maximum(np.linalg.norm(columns, axis=1), TINY)
+    columns = columns / length[:, None]
     normal = columns.transpose(0, 2, 1) @ columns
-    least = np.where(faint, 0.0, np.linalg.eigvalsh(normal)[:, 0])
-    if least.min(initial=1.0) < FLAT:
-        raise ValueError(
-            f"a part at {_told(middle, least)} px has no texture that would show how it moves: choose"
-            " another place or larger parts"
-        )
+    shows = ~faint & (np.linalg.eigvalsh(normal)[:, 0] >= FLAT)
+    columns[~shows], normal[~shows] = 0.0, np.eye(normal.shape[1])
     steps: np.ndarray = np.linalg.solve(normal, columns.transpose(0, 2, 1)) / length[..., None]
-    return steps
+    return shows, steps
 
 
 @dataclass(frozen=True)
@@ -221,12 +218,13 @@ def matched(parts: Parts, picture: np.ndarray, start: np.ndarray) -> Matches:
     left = wp.zeros((count, pixels), dtype=wp.float32, device=device)
     inputs, outputs = [other, *parts.arrays, float(parts.half)], [warps, told, left]
     wp.launch(stepping(), count, inputs, outputs, device=device)
-    settled, likeness = told.numpy().T
+    ended, likeness = told.numpy().T
+    settled = parts.shows & (ended > 0.0)
     rest = left.numpy()[..., None].astype(float)
     rest -= parts.light @ (parts.light.transpose(0, 2, 1) @ rest)
     freedom = pixels - parts.free - parts.light.shape[2]
     variance = np.sum(rest[..., 0] ** 2, axis=1) / freedom
-    found = (settled > 0.0) & (likeness > ALIKE)
+    found = settled & (likeness > ALIKE)
     alike = _together(rest.reshape(count, *parts.square)[found])
     covariance = np.tensordot(parts.spread, alike, 2) * variance[:, None, None]
-    return Matches(warps.numpy(), likeness, settled > 0.0, covariance)
+    return Matches(warps.numpy(), likeness, settled, covariance)

@@ -1,8 +1,9 @@
 """Pictures of several cameras in files, brought together frame by frame."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,13 @@ from form_drake.records import Camera
 
 NAME = re.compile(r"(?P<camera>.+)_(?P<frame>\d+)\.(png|tif|tiff|bmp|pgm|jpg|jpeg)", re.IGNORECASE)
 DARK, BRIGHT = 2, 253  # grey values at which a sensor may be at its end
-ENDS = 0.5  # share of the pixels that may be there
+BLANK = 0.99  # share of the pixels there, with which a picture shows nothing
+SPARSE = 8  # frames to a picture, above which numbers are stamps
+WHITE = 255.0  # the brightest grey value, and that of eight bits
+
+
+class UnusableError(ValueError):
+    """A picture that shows nothing."""
 
 
 @dataclass(frozen=True)
@@ -19,26 +26,31 @@ class Pictures:
     """Files by frame, for the cameras in their order.
 
     Attributes:
-        files: of each frame, one of each camera; frames in which one is missing are left out.
+        cameras: by name.
+        files: of each frame, one of each camera; frames of which one cannot be used are left out.
         frames: their numbers.
         missing: frames that are left out, and the cameras that have no picture there.
+        unusable: frames that are left out because a picture shows nothing, and why.
     """
 
+    cameras: Mapping[str, Camera]
     files: tuple[tuple[Path, ...], ...]
     frames: tuple[int, ...]
     missing: dict[int, tuple[str, ...]]
+    unusable: dict[int, str] = field(default_factory=dict)
 
     @classmethod
-    def found(cls, places: Sequence[Path], cameras: Sequence[str]) -> "Pictures":
-        """Pictures named CAMERA_NUMBER.png in folders, or given by name.
+    def found(cls, places: Sequence[Path], cameras: Mapping[str, Camera]) -> "Pictures":
+        """Pictures named CAMERA_NUMBER.png in folders, or given by name; each is read once.
 
         Args:
             places: folders and files.
-            cameras: names, in the order that is wanted.
+            cameras: by name, in the order that is wanted.
 
         Raises:
-            ValueError: a place that is not there, a picture of no camera, two of one frame, or no frame
-                that all cameras show.
+            ValueError: a place that is not there, a picture of no camera or of another size than its
+                camera's or of neither 8 nor 16 bits, two of one frame, numbers that count no frames, or
+                fewer than two frames, the first among them, that all cameras show.
         """
         by: dict[str, dict[int, Path]] = {name: {} for name in cameras}
         for path in _listed(places):
@@ -53,8 +65,7 @@ class Pictures:
                     f"{path} and {own[frame]} are both frame {frame} of {match['camera']}"
                 )
             own[frame] = path
-        every = sorted(set().union(*by.values()))
-        span = range(every[0], every[-1] + 1) if every else range(0)
+        span = _span(sorted(set().union(*by.values())))
         missing = {n: lost for n in span if (lost := tuple(c for c in cameras if n not in by[c]))}
         frames = tuple(n for n in span if n not in missing)
         if len(frames) < 2 or frames[0] != span[0]:
@@ -62,22 +73,61 @@ class Pictures:
             raise ValueError(
                 f"pictures: {counts}; the first frame and one more must be seen by all cameras"
             )
-        return cls(tuple(tuple(by[c][n] for c in cameras) for n in frames), frames, missing)
+        files = tuple(tuple(by[c][n] for c in cameras) for n in frames)
+        return cls(cameras, files, frames, missing)._usable()
 
-    def read(self, cameras: Sequence[Camera]) -> Iterator[list[np.ndarray]]:
-        """Grey values of every frame, one picture of each camera, shape [rows, columns].
+    def _usable(self) -> "Pictures":
+        """Without frames of which a picture shows nothing."""
+        why: dict[int, str] = {}
+        for n, frame in enumerate(self.frames):
+            try:
+                self.pair(n)
+            except UnusableError as error:
+                if n == 0 or len(why) + 2 == len(self.frames):
+                    raise
+                why[frame] = str(error)
+        kept = [n for n, frame in enumerate(self.frames) if frame not in why]
+        files = tuple(self.files[n] for n in kept)
+        return replace(self, files=files, frames=tuple(self.frames[n] for n in kept), unusable=why)
 
-        Raises:
-            ValueError: a file that is no picture, of another size than its camera's, or that is mostly
-                black or white.
-        """
+    @property
+    def left_out(self) -> dict[int, str]:
+        """Frames that are left out, and why."""
+        absent = {n: f"no picture of {' and '.join(c)}" for n, c in self.missing.items()}
+        return dict(sorted({**absent, **self.unusable}.items()))
+
+    @cached_property
+    def white(self) -> tuple[float, ...]:
+        """Of each camera, what stands in files for white: the most of its first picture's bits, 8 at least."""
+        most = [int(_told(path).max()).bit_length() for path in self.files[0]]
+        return tuple(float(2 ** max(bits, 8) - 1) for bits in most)
+
+    def read(self) -> Iterator[list[np.ndarray]]:
+        """Grey values of every frame, 0 to 255, one picture of each camera, shape [rows, columns]."""
         for n in range(len(self.files)):
-            yield self.pair(n, cameras)
+            yield self.pair(n)
 
-    def pair(self, n: int, cameras: Sequence[Camera]) -> list[np.ndarray]:
-        """Grey values of frame ``frames[n]``; otherwise as of ``read``."""
-        files = self.files[n]
-        return [_grey(path, camera) for path, camera in zip(files, cameras, strict=True)]
+    def pair(self, n: int) -> list[np.ndarray]:
+        """Grey values of frame ``frames[n]``, as of ``read``."""
+        ways = zip(self.files[n], self.cameras.values(), self.white, strict=True)
+        return [_grey(path, camera, white) for path, camera, white in ways]
+
+
+def ends(grey: np.ndarray) -> np.ndarray:
+    """Where a picture is black or white to the end of the sensor, shape as given."""
+    return np.asarray((grey <= DARK) | (grey >= BRIGHT))
+
+
+def _span(frames: Sequence[int]) -> range:
+    """All numbers from the first to the last."""
+    if not frames:
+        return range(0)
+    if frames[-1] - frames[0] >= SPARSE * len(frames):
+        raise ValueError(
+            f"pictures are numbered from {frames[0]} to {frames[-1]}, and {len(frames)} of these numbers are"
+            " there: a number counts frames at the rate of the rig, it is no stamp; number them 0, 1, 2 and on"
+        )
+    return range(frames[0], frames[-1] + 1)
 
 
 def _listed(places: Sequence[Path]) -> list[Path]:
@@ -95,21 +145,29 @@ def _listed(places: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _grey(path: Path, camera: Camera) -> np.ndarray:
+def _told(path: Path) -> np.ndarray:
+    """Grey values as they stand in a file, whichever way up it says that it is."""
     import cv2
 
-    found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    ways = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    found = cv2.imread(str(path), ways)
     if found is None:
-        raise ValueError(f"{path}: not a picture that can be read")
+        raise UnusableError(f"{path}: not a picture that can be read")
+    if found.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{path}: grey values of {found.dtype}; 8 and 16 bits are read")
+    return np.asarray(found)
+
+
+def _grey(path: Path, camera: Camera, white: float) -> np.ndarray:
+    found = _told(path)
     height, width = found.shape
     if (width, height) != camera.size:
         raise ValueError(
             f"{path}: {width} x {height} px, calibrated are {camera.size[0]} x {camera.size[1]}"
         )
-    ends = float(np.mean((found <= DARK) | (found >= BRIGHT)))
-    if ends > ENDS:
-        raise ValueError(
-            f"{path}: {100 * ends:.0f} % of the picture is black or white to the end of the sensor:"
-            " change the exposure"
+    grey = found if found.dtype == np.uint8 else found * (WHITE / white)
+    if np.mean(ends(grey)) > BLANK:
+        raise UnusableError(
+            f"{path}: the whole picture is black or white to the end of the sensor: change the exposure"
         )
-    return np.asarray(found)
+    return grey

@@ -20,6 +20,7 @@ RIGID = 1e-6  # by which a pose may not be a rotation
 HALF = 12
 # pixels beside a part from which pictures, blurred and read by splines, still tell: past an edge, another thing
 RIM = 4
+ALIKE = 1e-3  # radians between two views of the face, below which they tell no depth
 NEAR = 1e-3  # of the box, across which pixels are counted
 
 
@@ -56,6 +57,14 @@ class Rig:
             raise ValueError(f"half {self.half}: 3 to 100 pixels are wanted")
         if self.spacing is not None and not 0.0 < self.spacing < np.inf:
             raise ValueError(f"spacing {self.spacing}: a positive length is wanted [m]")
+        a, b = (
+            self.face.middle(self.low, self.high) - c.X_WC[:3, 3] for c in self.cameras.values()
+        )
+        if not np.linalg.norm(np.cross(a, b)) > ALIKE * np.linalg.norm(a) * np.linalg.norm(b):
+            raise ValueError(
+                f"cameras {' and '.join(self.cameras)} see the face from one direction, which tells no depth: is"
+                " X_WC of each its own?"
+            )
 
     @property
     def pixel(self) -> float:

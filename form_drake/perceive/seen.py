@@ -1,7 +1,7 @@
 """From pictures of two cameras to a recording of the points of a face."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -57,6 +57,36 @@ class Sight:
         return np.asarray(np.isfinite(self.p_WQ).all(axis=1))
 
 
+@dataclass(frozen=True)
+class Count:
+    """How many points were followed.
+
+    Attributes:
+        asked: points of the rig.
+        first: of them, those found in the first pictures.
+        again: of these, those ever found again.
+        held: share of all that were asked for in all frames after the first.
+    """
+
+    asked: int
+    first: int
+    again: int
+    held: float
+
+    @classmethod
+    def of(cls, rig: Rig, sights: Sequence[Sight]) -> "Count":
+        """Of what was seen at two times at least."""
+        asked, held = len(rig.points()), np.array([sight.held for sight in sights[1:]])
+        again = int(held.any(axis=0).sum())
+        return cls(asked, held.shape[1], again, float(held.sum() / (len(held) * asked)))
+
+    def __str__(self) -> str:
+        return (
+            f"{self.asked} asked for, {self.first} found in the first pictures, {self.again} found again,"
+            f" {100.0 * self.held:.1f} % held"
+        )
+
+
 def tracked(
     rig: Rig,
     pictures: Pictures,
@@ -79,7 +109,7 @@ def tracked(
     Raises:
         ValueError: pictures in which the face is not found, or hardly a point is held.
     """
-    pairs = pictures.read(list(rig.cameras.values()))
+    pairs = pictures.read()
     now: Followed | None = None
     found: list[Sight] = []
     for frame, pair in zip(pictures.frames, pairs, strict=True):
@@ -142,17 +172,15 @@ def gathered(rig: Rig, sights: Sequence[Sight]) -> Recording:
 
 
 def completed(tracks: Recording, probe: Recording) -> Recording:
-    """Tracks with what was measured beside them: poses, forces, joints and statements."""
+    """Tracks with what was measured beside them: poses, forces, joints and statements.
+
+    Of points and frames is told what the tracks tell: those of the probe are others.
+    """
+    own = [
+        f.name for f in fields(Recording) if {"points", "frames"} & {*f.metadata.get("dims", ())}
+    ]
     return replace(
         probe,
-        time=tracks.time,
-        p_WQ=tracks.p_WQ,
-        valid=tracks.valid,
-        visible=tracks.visible,
-        face=tracks.face,
-        p_reference=None,
-        noise=tracks.noise,
-        covariance=tracks.covariance,
-        cameras=tracks.cameras,
+        **{name: getattr(tracks, name) for name in (*own, "states", "noise", "cameras")},
         geometry={**probe.geometry, **tracks.geometry},
     )

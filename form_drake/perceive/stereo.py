@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from form_drake.perceive.correlate import ALIKE, Parts, matched
+from form_drake.perceive.correlate import ALIKE, Parts, grid, matched
 from form_drake.perceive.optics import Places, projected, rays, triangulated
+from form_drake.perceive.pictures import ends
 from form_drake.perceive.splines import seen_in
 from form_drake.perceive.track import Known, Points, Tracker
 from form_drake.perceive.warps import affine
@@ -16,7 +17,13 @@ APART = 8.0  # pixels, by which a point may be off where the stated surface woul
 TOGETHER = 0.5  # of them, in which points may differ: cameras that are a little off shift all alike
 CLEAR = 0.05  # the same, above which it is asked whether left is right
 LIKELIER = 0.5  # times the scatter, below which that is so
+ENDS = 0.5  # share of a part's pixels that may be black or white to the end of the sensor
+FEW, HALF = 0.1, 0.5  # shares of the points that are left at least, and that are found again
 DOUBT = "are left and right swapped, or the cameras calibrated otherwise?"
+OUTSIDE = f"lie outside of a picture: {DOUBT}"
+DARK = "are black or white to the end of the sensor: change the exposure"
+PLAIN = "lie where a picture has no texture that would show how they move: take larger parts"
+UNLIKE = f"look otherwise in the right picture, or lie elsewhere: {DOUBT}"
 
 
 @dataclass(frozen=True)
@@ -57,34 +64,15 @@ class Stereo:
             device: Warp device.
 
         Raises:
-            ValueError: hardly a point is in both pictures: cameras are wrong, or left is right.
+            ValueError: hardly a point is found in both pictures: cameras, exposure or texture are wrong, or
+                left is right.
         """
-        left, right = cameras
-        at = projected(left, p_WQ)
-        start = _across(left, right, at, p_WQ, normal_W)
-        inside = _inside(left, at, half) & _inside(right, at + start[:, [0, 6]], half)
-        found = np.full((len(at), 2), np.nan)
-        if inside.any():
-            parts = Parts.of(seen_in(pictures[0]), at[inside], half, device=device)
-            across = matched(parts, seen_in(pictures[1]), start[inside])
-            off = across.shift - start[inside][:, [0, 6]]
-            good = (
-                across.settled & (across.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
-            )
-            turned = _across(right, left, at[inside], p_WQ[inside], normal_W[inside])[:, [0, 6]]
-            _agreed(off[good], (across.shift - turned)[good])
-            found[inside] = np.where(good[:, None], at[inside] + across.shift, np.nan)
-        chosen = np.isfinite(found[:, 0]) & _inside(right, found, half)
-        if chosen.sum() < max(3.0, 0.5 * inside.sum()):
-            raise ValueError(
-                f"{int(chosen.sum())} of {len(p_WQ)} points are found in both pictures"
-                f" ({int(inside.sum())} should be): {DOUBT}"
-            )
-        pixel = np.stack([at[chosen], found[chosen]])
+        chosen, pixel = _found(cameras, pictures, p_WQ, normal_W, half, device)
         one, other = (
             Tracker.of(picture, places, half, device)
             for picture, places in zip(pictures, pixel, strict=True)
         )
+        left, right = cameras
         first = triangulated(cameras, pixel, np.tile(np.eye(2), (*pixel.shape[:2], 1, 1)))
         gap = pixel - np.stack([projected(camera, first.p_WQ) for camera in cameras])
         return cls((left, right), (one, other), chosen, gap)
@@ -150,6 +138,39 @@ class Followed:
         return np.min([p.likeness for p in self.points], axis=0)
 
 
+def _found(
+    cameras: Sequence[Camera],
+    pictures: Sequence[np.ndarray],
+    p_WQ: np.ndarray,
+    normal_W: np.ndarray,
+    half: int,
+    device: str,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which points both first pictures show, and where [px], shape [2, chosen, 2]; as of ``Stereo.of``."""
+    left, right = cameras
+    seen = [seen_in(picture) for picture in pictures]
+    at = projected(left, p_WQ)
+    start = _across(left, right, at, p_WQ, normal_W)
+    turned = _across(right, left, at, p_WQ, normal_W)[:, [0, 6]]
+    inside = _inside(left, at, half) & _inside(right, at + start[:, [0, 6]], half)
+    chosen = _kept(np.ones(len(at), bool), inside, OUTSIDE, 0.0)
+    chosen = _kept(chosen, _lit(pictures[0], at, chosen, half), DARK)
+    parts = Parts.of(seen[0], at[chosen], half, device=device)
+    across = matched(parts, seen[1], start[chosen])
+    off = across.shift - start[chosen][:, [0, 6]]
+    good = across.settled & (across.likeness > ALIKE) & (np.linalg.norm(off, axis=1) < APART)
+    _agreed(off[good], (across.shift - turned[chosen])[good])
+    told = (parts.shows, good, at[chosen] + across.shift)
+    shows, alike, found = (_filled(chosen, values) for values in told)
+    chosen = _kept(chosen, shows, PLAIN)
+    chosen = _kept(chosen, alike, UNLIKE, HALF)
+    chosen = _kept(chosen, _inside(right, found, half), OUTSIDE)
+    chosen = _kept(chosen, _lit(pictures[1], found, chosen, half), DARK)
+    parts = Parts.of(seen[1], found[chosen], half, device=device)
+    chosen = _kept(chosen, _filled(chosen, parts.shows), PLAIN)
+    return chosen, np.stack([at[chosen], found[chosen]])
+
+
 def _agreed(off: np.ndarray, turned: np.ndarray) -> None:
     """Refuse pictures in which the surface is bent, as it is where left is right.
 
@@ -170,6 +191,31 @@ def _agreed(off: np.ndarray, turned: np.ndarray) -> None:
             f"points of the left picture are found {scatter:.2g} px, not alike, from where the right"
             f" camera would see the stated surface, and {other:.2g} px if left were right: {DOUBT}"
         )
+
+
+def _kept(before: np.ndarray, good: np.ndarray, others: str, share: float = FEW) -> np.ndarray:
+    """Which points of those before are good.
+
+    Raises:
+        ValueError: fewer than three are, or than a share of them; what the others are.
+    """
+    found = before & good
+    if found.sum() < max(3.0, share * before.sum()):
+        raise ValueError(f"{int((before & ~good).sum())} of {int(before.sum())} points {others}")
+    return np.asarray(found)
+
+
+def _filled(chosen: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values of the chosen points among all, zero elsewhere."""
+    found = np.zeros((len(chosen), *values.shape[1:]), values.dtype)
+    found[chosen] = values
+    return found
+
+
+def _lit(picture: np.ndarray, pixel: np.ndarray, chosen: np.ndarray, half: int) -> np.ndarray:
+    """About which of the chosen points a picture is neither black nor white."""
+    x, y = np.round(pixel[chosen][:, None] + grid(half)).astype(int).T
+    return _filled(chosen, ends(picture)[y, x].mean(axis=0) <= ENDS)
 
 
 def _inside(camera: Camera, pixel: np.ndarray, half: int) -> np.ndarray:

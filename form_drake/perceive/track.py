@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from form_drake.perceive.correlate import ALIKE, Matches, Parts, matched
+from form_drake.perceive.correlate import ALIKE, Matches, Parts, matched, place
 from form_drake.perceive.splines import seen_in
 from form_drake.perceive.warps import affine
 
@@ -77,7 +77,8 @@ class Tracker:
             device: Warp device.
 
         Raises:
-            ValueError: fewer than three points, or see ``Parts.of``.
+            ValueError: fewer than three points, one that leaves the picture, or one about which no texture
+                shows how it moves.
         """
         if len(points) < 3:
             raise ValueError(f"{len(points)} points: three are wanted at least")
@@ -85,6 +86,11 @@ class Tracker:
         straight, bent = (
             Parts.of(seen, points, half, affine=a, device=device) for a in (True, False)
         )
+        if not bent.shows.all():
+            raise ValueError(
+                f"a part at {place(points[bent.shows.argmin()])} px has no texture that would show how it moves:"
+                " choose another place or larger parts"
+            )
         count = min(NEIGHBOURS + 1, len(points))
         near = cKDTree(points).query(points, count)[1][:, 1:]
         return cls(straight, bent, near)
