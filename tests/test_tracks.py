@@ -1,6 +1,7 @@
 """``form-drake track``: pictures in files, in any order and with gaps, become a recording."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -109,6 +110,18 @@ def test_pictures_become_a_recording(seen, tmp_path):
     off = moved - (frames[:, None] * SHIFT)[:, None]
     assert np.sqrt(np.mean(off[1:] ** 2)) < 4e-6
     assert np.sqrt(np.mean(off[1:] ** 2)) < 3.0 * made.noise < 1e-5
+
+
+def test_pictures_of_other_times_are_told_and_place_no_point(seen, tmp_path, capsys):
+    for n, right in enumerate((0, 1, 0)):  # the last is late
+        for name, k in (("left", n), ("right", right)):
+            shutil.copy(seen / "pictures" / f"{name}_000{k}.png", tmp_path / f"{name}_{n}.png")
+    Track((tmp_path,), seen / "rig.yaml", tmp_path / "tracks.h5", json=True).run()
+    told = capsys.readouterr()
+    assert "frame 2: the cameras show other times" in told.err
+    assert list(json.loads(told.out.splitlines()[-1])["apart_frames"]) == ["2"]
+    valid = read(tmp_path / "tracks.h5").valid
+    assert valid[1].all() and not valid[2].any()
 
 
 def test_what_is_lost_is_told_of_all_points(seen, tmp_path, capsys):

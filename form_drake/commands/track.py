@@ -37,7 +37,7 @@ class Track:
         """Track, complete with what the probe measured, and write the recording."""
         from form_drake.perceive.pictures import Pictures
         from form_drake.perceive.rig import Rig
-        from form_drake.perceive.seen import Count, Sight, completed, tracked
+        from form_drake.perceive.seen import APART, Count, Sight, completed, tracked
         from form_drake.seen_report import write_seen_report
 
         device(self.device)
@@ -66,6 +66,9 @@ class Track:
             found = tracked(rig, pictures, begin, self.device, seen)
             seconds = (time.perf_counter() - started) / len(pictures.frames)
         count = Count.of(rig, sights)
+        both = zip(pictures.frames, sights, strict=True)
+        apart = {n: sight.apart for n, sight in both if sight.apart > APART}
+        _tell({n: "the cameras show other times, or one was moved" for n in apart})
         made = found if beside is None else completed(found, beside)
         write_recording(made, out)
         if page is not None:
@@ -81,6 +84,7 @@ class Track:
             "seconds_a_frame": seconds,
             "missing_frames": {str(n): list(c) for n, c in pictures.missing.items()},
             "unusable_frames": {str(n): why for n, why in pictures.unusable.items()},
+            "apart_frames": {str(n): size for n, size in apart.items()},
             "noise": made.noise,
         }
         text = (

@@ -121,7 +121,7 @@ def tracked(
         lost = pictures.frames[1 + int(np.argmax(valid[1:].mean(axis=1) < SEEN))]
         raise ValueError(
             f"from frame {lost} on, {100.0 * valid[1:].mean():.0f} % of the {valid.shape[1]} points are found"
-            " again: too fast, too dark, or hidden?"
+            " again: too fast, too dark, hidden, or not seen by both cameras at one time?"
         )
     return gathered(rig, found)
 
