@@ -293,6 +293,28 @@ def test_masses_are_scaled_as_the_body_is(plain):
         np.testing.assert_allclose(*columns, atol=1e-12 * np.abs(columns[1]).max())
 
 
+def test_without_gravity_nothing_tilts(plain):
+    """No row sees it, so that it is not sought; stated, it is a mistake."""
+    tilt, reading = CATALOGUE["gravity-tilt"], read(*plain[:2])
+    free = replace(reading, probe=replace(reading.probe, gravity=np.zeros(3)))
+    assert not tilt.column(free, {"azimuth": 0.4}).any()
+    with pytest.raises(ValueError, match="gravity-tilt: there is no gravity to turn"):
+        tilt.world(replace(STAGE.world(SOFT), gravity=np.zeros(3)), 0.1, {"azimuth": 0.4})
+
+
+@pytest.mark.parametrize("gravity", [[9.81, 0.0, 0.0], [0.0, 0.0, 9.81], [3.0, -4.0, 0.5]])
+def test_gravity_turns_every_way_by_the_stated_angle(gravity):
+    """Also towards an azimuth that it points along already."""
+    still, size = replace(STAGE.world(SOFT), gravity=np.array(gravity)), np.linalg.norm(gravity)
+    turned = [
+        CATALOGUE["gravity-tilt"].world(still, 0.1, {"azimuth": azimuth}).gravity / size
+        for azimuth in (0.0, 0.5 * np.pi)
+    ]
+    assert np.linalg.norm(turned, axis=1) == pytest.approx(1.0)
+    assert turned @ still.gravity / size == pytest.approx(np.cos(0.1))
+    assert np.dot(*turned) == pytest.approx(np.cos(0.1) ** 2)  # across each other
+
+
 def test_a_fibre_is_a_sum_of_fifteen(plain):
     reading, shape = read(*plain[:2]), {"elevation": -0.4, "azimuth": 1.3}
     effect = CATALOGUE["anisotropy"]
