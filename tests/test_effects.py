@@ -20,7 +20,7 @@ from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
-from form_drake.material import Material
+from form_drake.material import Acting, Material
 from form_drake.motion import Motion, body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
@@ -353,6 +353,14 @@ def test_scenes_that_cannot_be_simulated_are_refused(changes, message):
     stage = Stage(replace(made, **changes), DX)
     with pytest.raises(ValueError, match=message):
         stage.rolled(stage.world(SOFT))
+
+
+def test_a_scene_leaves_out_nothing_that_is_stated():
+    made = recording()
+    with pytest.raises(ValueError, match="states body_force"):
+        Stage(replace(made, body_force=np.zeros(made.p_WQ.shape)), DX)
+    with pytest.raises(ValueError, match=r"the material has effects \(drag\)"):
+        STAGE.world(replace(SOFT, effects=(Acting("drag", 5.0, {}),)))
 
 
 def test_an_effect_is_of_the_world_or_of_a_sensor():

@@ -36,7 +36,8 @@ class Stage:
     """What is simulated again.
 
     Attributes:
-        recording: of a block whose box, faces, and poses of tools that touch it are stated.
+        recording: of a block whose box, faces, and poses of tools that touch it are stated; what acts on
+            it besides is gravity.
         dx: grid spacing [m].
         precision: ``float32`` or ``float64``.
         device: Warp device.
@@ -47,8 +48,22 @@ class Stage:
     precision: str = "float32"
     device: str = "cpu"
 
+    def __post_init__(self) -> None:
+        if self.recording.body_force is not None:
+            raise ValueError("the recording states body_force, which no block is simulated with")
+
     def world(self, material: Material) -> World:
-        """The plain scene of a material, as the recording states it."""
+        """The plain scene of a material, as the recording states it.
+
+        Raises:
+            ValueError: the material has effects, which change a scene once it is made.
+        """
+        if material.effects:
+            ids = ", ".join(one.id for one in material.effects)
+            raise ValueError(
+                f"the material has effects ({ids}): simulate it as a Model of"
+                " form_drake.diagnose, which applies them"
+            )
         gravity = np.zeros(3) if self.recording.gravity is None else self.recording.gravity
         return World(material.law, material.values, self._shape.density, np.asarray(gravity, float))
 
