@@ -339,6 +339,7 @@ def test_some_effects_fit_some_laws():
     [
         ({"contact": {"z-": "touched floor", "other": "free"}}, "face z- is touched: only faces"),
         ({"contact": {"z-": "bonded floor"}}, "face x- is unknown: only faces"),
+        ({"contact": {"other": "free"}}, "all faces are free: a block that nothing holds"),
         ({"poses": {}}, "plate presses z.: to simulate it, add its poses"),
         ({"late": True}, "poses of plate are stamped .* they must cover the frames"),
     ],

@@ -16,6 +16,7 @@ from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
 from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
+from form_drake.mpm.settling import rested
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Motions, Tool
 from form_drake.mpm.tracing import between
@@ -119,7 +120,8 @@ class Stage:
         """Faces that a tool or support holds.
 
         Raises:
-            ValueError: one of which nobody knows how it is held, or a measured tool without poses.
+            ValueError: one of which nobody knows how it is held, or a measured tool without poses; or
+                nothing holds the body.
         """
         poses, last = self.recording.poses, self.recording.time[[0, -1]]
         for face in shape.faces:
@@ -137,7 +139,10 @@ class Stage:
                     f"poses of {face.tool} are stamped {stamps} s, the frames {last} s: they must"
                     " cover the frames"
                 )
-        return [f for f in shape.faces if f.condition != "free"]
+        held = [f for f in shape.faces if f.condition != "free"]
+        if not held:
+            raise ValueError("all faces are free: a block that nothing holds is not simulated")
+        return held
 
     def _grid(self, shape: Shape, held: list[Face]) -> tuple[float, dict[int, float]]:
         """A spacing near ``dx`` [m], and places a quarter of a cell off nodes [m], by axis.
@@ -205,6 +210,7 @@ class _Play:
         relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
         scene.simulation.set_memories(relaxed)
         snapshot, _ = scene.follow(snapshot, motions, np.full(count, PERIOD), CALM)
+        snapshot = rested(scene, snapshot, motions[-1])
         scene.simulation.set_memories(world.memories)
         self._grip(world)
         return snapshot
