@@ -10,7 +10,7 @@ from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE, World
 from form_drake.laws import LAWS, law_named
 from form_drake.material import Material
-from form_drake.mpm import settling, simulation, stage
+from form_drake.mpm import settling, simulation, stage, ways
 from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.pencils import Pencils
@@ -335,10 +335,10 @@ def test_a_steady_way_is_followed_however_its_strides_differ():
     steps = np.array([2e-3, 2e-3, 1e-3, 1.5e-3, 2e-3])
     time, R = np.append(0.0, np.cumsum(steps)), np.tile(np.eye(3), (6, 1, 1))
     p = time[:, None] * np.array([0.05, 0.0, -0.02])
-    assert stage._followed((p, R), steps)[0] == pytest.approx(p, abs=1e-15)
+    assert ways.followed((p, R), steps)[0] == pytest.approx(p, abs=1e-15)
     even, a = np.arange(6) * 2e-3, 0.8
     bent = np.column_stack([0.5 * a * even**2, 0.0 * even, 0.0 * even])
-    found, _ = stage._followed((bent, R), np.full(5, 2e-3))
+    found, _ = ways.followed((bent, R), np.full(5, 2e-3))
     means = 0.5 * (found[1:-2, 0] + found[2:-1, 0])
     wanted = a * (even[2:-1] ** 3 - even[1:-2] ** 3) / 6.0 / 2e-3
     assert means == pytest.approx(wanted, rel=1e-9)

@@ -1,13 +1,10 @@
 """A block between faces that move as recorded: what a recording states, simulated without a robot."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from form_drake.effects.world import World
 from form_drake.laws.memory import NEVER
@@ -18,8 +15,9 @@ from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
 from form_drake.mpm.settling import rested
 from form_drake.mpm.solids import Solid
-from form_drake.mpm.tools import Grip, Motions, Tool
+from form_drake.mpm.tools import Grip, Tool
 from form_drake.mpm.tracing import between
+from form_drake.mpm.ways import Path, followed, motions_of
 from form_drake.records import Recording, Stream
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
@@ -27,9 +25,6 @@ SETTLING = 0.15  # time [s] that the body is given to come to rest
 COMING = 0.5  # of it, in which tools come to where they begin: what yields remembers a sudden one
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 QUARTER = 0.25  # of a cell, by which faces lie beyond a node
-
-# places [m] and orientations, shapes [times, 3] and [times, 3, 3]
-_Way = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,7 @@ class Stage:
     def _set(self, world: World) -> "_Play":
         shape = self._shape
         held = self._held(shape)
-        paths = [_Path.of(self.recording, shape, face) for face in held]
+        paths = [Path.of(self.recording, shape, face) for face in held]
         dx, places = self._grid(shape, held)
         size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
         bodies = by_material(world, block(middle, size, 0.5 * dx, world.density))
@@ -166,7 +161,7 @@ class _Play:
     recording: Recording
     world: World
     scene: Scene
-    paths: "list[_Path]"
+    paths: list[Path]
 
     @cached_property
     def _time(self) -> np.ndarray:
@@ -185,7 +180,7 @@ class _Play:
         snapshot = self._settled()
         frames, forces, late = [snapshot], [snapshot.force], []
         steps = np.diff(ends)
-        motions = _motions([_followed(p.at(ends), steps) for p in self.paths], steps)
+        motions = motions_of([followed(p.at(ends), steps) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
             own = slice(first, last)
             snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own])
@@ -203,7 +198,7 @@ class _Play:
         scene, world = self.scene, self.world
         count = int(np.ceil(SETTLING / PERIOD))
         share = np.clip(np.linspace(0.0, 1.0 / COMING, count + 1), 0.0, 1.0)
-        motions = _motions([p.coming(share) for p in self.paths], np.full(count, PERIOD))
+        motions = motions_of([p.coming(share) for p in self.paths], np.full(count, PERIOD))
         scene.tie(motions[0])
         self._grip(replace(world, friction=0.0, adhesion=0.0, slipping=0.0, slippery=0.0))
         snapshot = scene.start()
@@ -250,83 +245,6 @@ class _Play:
         v, F, L = (np.array([getattr(f.state, k) for f in frames]) for k in "vFL")
         x = np.array([f.p_WQ for f in frames])
         return Motion(self._time, self.scene.rest, x, v, F, L, body.volume, body.mass)
-
-
-@dataclass(frozen=True)
-class _Path:
-    """How the plane of a face moves with its tool.
-
-    Attributes:
-        tool: its name; "" where it stands still.
-        face: middle of the face of the body in its rest shape [m], shape [3].
-        p: place of the middle of the plane in the tool's frame [m], shape [3].
-        R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
-        place: of the tool by time [s]; None: it stands still.
-        turn: of the tool by time.
-    """
-
-    tool: str
-    face: np.ndarray
-    p: np.ndarray
-    R: np.ndarray
-    place: object
-    turn: object
-
-    @classmethod
-    def of(cls, recording: Recording, shape: Shape, face: Face) -> "_Path":
-        ends = (shape.low, shape.high)
-        middle = 0.5 * (shape.low + shape.high)
-        middle[face.axis] = ends[face.side][face.axis]
-        inward = np.zeros(3)
-        inward[face.axis] = -1.0 if face.side else 1.0
-        across = np.eye(3)[(face.axis + 1) % 3]
-        R = np.stack([across, np.cross(inward, across), inward], axis=1)
-        pose = recording.poses.get(face.tool)
-        if pose is None:
-            return cls(face.tool, middle, middle, R, None, None)
-        X = np.asarray(pose.value, float)
-        time = np.asarray(pose.time, float) - recording.time[0]
-        first = X[0]
-        p = first[:3, :3].T @ (middle - first[:3, 3])
-        if face.condition != "bonded":  # its plane holds the tool's origin
-            p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
-        turn = RotationSpline(time, Rotation.from_matrix(X[:, :3, :3]))
-        place = make_interp_spline(time, X[:, :3, 3], k=min(3, len(time) - 1))
-        return cls(face.tool, middle, p, first[:3, :3].T @ R, place, turn)
-
-    def coming(self, share: np.ndarray) -> _Way:
-        """The same on the way from the rest shape to where it begins, at shares of that way."""
-        p, R = self.at(np.zeros(len(share)))
-        return self.face + share[:, None] * (p - self.face), R
-
-    def at(self, time: np.ndarray) -> _Way:
-        """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""
-        if self.place is None:
-            shape = (len(time), 1)
-            return np.tile(self.p, shape), np.tile(self.R, (*shape, 1))
-        R = self.turn(time).as_matrix()  # type: ignore[operator]
-        return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
-
-
-def _followed(way: _Way, steps: np.ndarray) -> _Way:
-    """Corners of a way that goes straight for every step [s] and is the curve on average.
-
-    A body cannot follow the corners: it would see chords, that lie inside of the curve by a twelfth of
-    its second differences.
-    """
-    p, R = way
-    before, after = steps[:-1, None], steps[1:, None]
-    bend = 2.0 * np.diff(np.diff(p, axis=0) / steps[:, None], axis=0) / (before + after)
-    return np.concatenate([p[:1], p[1:-1] - before * after * bend / 12.0, p[-1:]]), R
-
-
-def _motions(ways: Sequence[_Way], steps: np.ndarray) -> list[Motions]:
-    """Places of planes at all times but the last, and velocities that lead to where they are next."""
-    p, R = (np.stack(a, axis=1) for a in zip(*ways, strict=True))
-    over = np.maximum(steps, 1e-300)[:, None, None]
-    turns = (R[1:] @ R[:-1].swapaxes(-1, -2)).reshape(-1, 3, 3)
-    w = Rotation.from_matrix(turns).as_rotvec().reshape(p[1:].shape) / over
-    return [Motions(*a) for a in zip(p[:-1], R[:-1], np.diff(p, axis=0) / over, w, strict=True)]
 
 
 def _within(ends: np.ndarray, stamps: np.ndarray) -> bool:
