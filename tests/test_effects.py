@@ -356,6 +356,22 @@ def test_scenes_that_cannot_be_simulated_are_refused(changes, message):
         stage.rolled(stage.world(SOFT))
 
 
+@pytest.mark.parametrize(
+    "stroke, message",
+    [
+        (0.031, "floor and plate meet 0.0.* s after the first frame"),
+        (30.0, "floor and plate meet 0.002 s after the first frame"),  # poses in mm
+        (0.0295, "the simulated body turns inside out 0.0.* s after the first frame"),
+    ],
+)
+def test_a_plate_that_goes_too_far_is_no_press(stroke, message):
+    t = np.linspace(0.0, 0.1, 11)
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.1, 0.9, (4, 3))
+    pressed = standing("bonded", SIZE[2] - stroke * np.sin(5.0 * np.pi * t), X, t, t)
+    with pytest.raises(ValueError, match=message):
+        Stage(pressed, 2.0 * DX).rolled(STAGE.world(SOFT))
+
+
 def test_a_scene_leaves_out_nothing_that_is_stated():
     made = recording()
     with pytest.raises(ValueError, match="states body_force"):

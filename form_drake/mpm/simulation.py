@@ -314,7 +314,7 @@ class Simulation:
         if particle < 0:
             return
         limit = self.pace.stable(cfl=1.0)
-        cause = "a wall is missing or the body is thrown out of the grid"
+        cause = "a wall is missing, the body is thrown out of the grid or its material is unstable"
         if self._dt > limit:
             cause = f"the time step {self._dt:.3g} s exceeds the stability limit {limit:.3g} s"
         raise BlowUp(

@@ -17,7 +17,7 @@ from form_drake.mpm.settling import rested
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.tools import Grip, Tool
 from form_drake.mpm.tracing import between
-from form_drake.mpm.ways import Path, followed, motions_of
+from form_drake.mpm.ways import Path, followed, motions_of, require_apart
 from form_drake.records import Recording, Stream
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
@@ -177,6 +177,7 @@ class _Play:
             for (a, z), n in zip(pairwise(self._time), counts, strict=True)
         ]
         ends = np.concatenate([[0.0], *parts])
+        require_apart(self.paths, ends)
         snapshot = self._settled()
         frames, forces, late = [snapshot], [snapshot.force], []
         steps = np.diff(ends)
@@ -187,8 +188,12 @@ class _Play:
             forces.extend(mean)
             frames.append(snapshot)
             late += [0.5 * self.scene.simulation.dt] * len(mean)
-        if not all(np.isfinite(f.p_WQ).all() for f in frames):
-            raise ValueError("the simulation of the recorded scene does not stay finite")
+            if not np.linalg.det(snapshot.state.T).min() > 0.0:
+                raise ValueError(
+                    f"the simulated body turns inside out {ends[last]:.3g} s after the first frame: it is"
+                    " pressed or pulled too far for its grid, or its material is unstable; check poses,"
+                    " units and values"
+                )
         # the impulses of a step balance stresses as they are where it begins
         stamps = np.concatenate([[0.0], 0.5 * (ends[1:] + ends[:-1]) - late, ends[-1:]])
         return frames, stamps, np.array([*forces, snapshot.force])

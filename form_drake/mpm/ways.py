@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -69,6 +70,24 @@ class Path:
             return np.tile(self.p, shape), np.tile(self.R, (*shape, 1))
         R = self.turn(time).as_matrix()  # type: ignore[operator]
         return self.place(time) + R @ self.p, R @ self.R  # type: ignore[operator]
+
+
+def require_apart(paths: Sequence[Path], time: np.ndarray) -> None:
+    """Refuse planes of one axis that meet at times [s] from the first frame on.
+
+    Raises:
+        ValueError: two do.
+    """
+    ways = [path.at(time) for path in paths]
+    for (one, (p, R)), (other, (q, S)) in combinations(zip(paths, ways, strict=True), 2):
+        facing = R[0, :, 2] @ S[0, :, 2] < -0.5
+        left = np.sum((q - p) * R[:, :, 2], axis=1)  # between them [m]
+        if facing and np.any(left <= 0.0):
+            names = " and ".join(path.tool or "the support" for path in (one, other))
+            raise ValueError(
+                f"{names} meet {time[np.argmax(left <= 0.0)]:.3g} s after the first frame, where the body"
+                " should be between them: check the poses and their units [m]"
+            )
 
 
 def followed(way: Way, steps: np.ndarray) -> Way:
