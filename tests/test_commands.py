@@ -30,6 +30,7 @@ from form_drake.commands import VERBS
 from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS
 from form_drake.libraries import DEBIAN
+from form_drake.material import Acting
 from form_drake.mpm.bodies import rigid_velocity
 from form_drake.records import States, Stream, write_recording
 
@@ -348,6 +349,22 @@ def test_predict_takes_a_rigid_initial_motion(capsys, files, here, name):
     assert code == 0 and json.loads(out)["loss"] == expected.loss
     assert expected.loss != predict(recording, read_material(files / "true.yaml")).loss
     np.testing.assert_array_equal(read(here / "runs" / "predict" / "prediction.h5").v_0, v_0)
+
+
+@pytest.mark.parametrize(
+    "stated, message",
+    [
+        (lambda r: {"body_force": 0.0 * r.p_WQ}, "states body_force or another mass_scale"),
+        (lambda r: {"mass_scale": 100.0}, "states body_force or another mass_scale"),
+        (lambda r: {"valid": r.p_WQ[..., 0] > 1e3}, "no point is valid in any frame of the loss"),
+    ],
+)
+def test_a_prediction_leaves_out_nothing_that_is_stated(files, stated, message):
+    recording, material = read(files / "steps.h5"), read_material(files / "true.yaml")
+    with pytest.raises(ValueError, match=message):
+        predict(replace(recording, **stated(recording)), material)
+    with pytest.raises(ValueError, match=r"the material has effects \(drag\)"):
+        predict(recording, replace(material, effects=(Acting("drag", 5.0, {}),)))
 
 
 @pytest.mark.parametrize(

@@ -576,6 +576,10 @@ BAD = {  # what recordings lack, and what is said
         "the clocks must overlap",
     ),
     "few frames": (lambda r: {"time": r.time[:4], "p_WQ": r.p_WQ[:4]}, "state noise"),
+    "gravity alone": (
+        lambda r: {"body_force": np.zeros(r.p_WQ.shape)},
+        "states body_force",
+    ),
     "lost points": (
         lambda r: {
             "p_reference": None,

@@ -20,7 +20,7 @@ from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
-from form_drake.material import Material
+from form_drake.material import Acting, Material
 from form_drake.motion import Motion, body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
@@ -293,6 +293,28 @@ def test_masses_are_scaled_as_the_body_is(plain):
         np.testing.assert_allclose(*columns, atol=1e-12 * np.abs(columns[1]).max())
 
 
+def test_without_gravity_nothing_tilts(plain):
+    """No row sees it, so that it is not sought; stated, it is a mistake."""
+    tilt, reading = CATALOGUE["gravity-tilt"], read(*plain[:2])
+    free = replace(reading, probe=replace(reading.probe, gravity=np.zeros(3)))
+    assert not tilt.column(free, {"azimuth": 0.4}).any()
+    with pytest.raises(ValueError, match="gravity-tilt: there is no gravity to turn"):
+        tilt.world(replace(STAGE.world(SOFT), gravity=np.zeros(3)), 0.1, {"azimuth": 0.4})
+
+
+@pytest.mark.parametrize("gravity", [[9.81, 0.0, 0.0], [0.0, 0.0, 9.81], [3.0, -4.0, 0.5]])
+def test_gravity_turns_every_way_by_the_stated_angle(gravity):
+    """Also towards an azimuth that it points along already."""
+    still, size = replace(STAGE.world(SOFT), gravity=np.array(gravity)), np.linalg.norm(gravity)
+    turned = [
+        CATALOGUE["gravity-tilt"].world(still, 0.1, {"azimuth": azimuth}).gravity / size
+        for azimuth in (0.0, 0.5 * np.pi)
+    ]
+    assert np.linalg.norm(turned, axis=1) == pytest.approx(1.0)
+    assert turned @ still.gravity / size == pytest.approx(np.cos(0.1))
+    assert np.dot(*turned) == pytest.approx(np.cos(0.1) ** 2)  # across each other
+
+
 def test_a_fibre_is_a_sum_of_fifteen(plain):
     reading, shape = read(*plain[:2]), {"elevation": -0.4, "azimuth": 1.3}
     effect = CATALOGUE["anisotropy"]
@@ -317,6 +339,7 @@ def test_some_effects_fit_some_laws():
     [
         ({"contact": {"z-": "touched floor", "other": "free"}}, "face z- is touched: only faces"),
         ({"contact": {"z-": "bonded floor"}}, "face x- is unknown: only faces"),
+        ({"contact": {"other": "free"}}, "all faces are free: a block that nothing holds"),
         ({"poses": {}}, "plate presses z.: to simulate it, add its poses"),
         ({"late": True}, "poses of plate are stamped .* they must cover the frames"),
     ],
@@ -331,6 +354,30 @@ def test_scenes_that_cannot_be_simulated_are_refused(changes, message):
     stage = Stage(replace(made, **changes), DX)
     with pytest.raises(ValueError, match=message):
         stage.rolled(stage.world(SOFT))
+
+
+@pytest.mark.parametrize(
+    "stroke, message",
+    [
+        (0.031, "floor and plate meet 0.0.* s after the first frame"),
+        (30.0, "floor and plate meet 0.002 s after the first frame"),  # poses in mm
+        (0.0295, "the simulated body turns inside out 0.0.* s after the first frame"),
+    ],
+)
+def test_a_plate_that_goes_too_far_is_no_press(stroke, message):
+    t = np.linspace(0.0, 0.1, 11)
+    X = LOW + SIZE * np.random.default_rng(0).uniform(0.1, 0.9, (4, 3))
+    pressed = standing("bonded", SIZE[2] - stroke * np.sin(5.0 * np.pi * t), X, t, t)
+    with pytest.raises(ValueError, match=message):
+        Stage(pressed, 2.0 * DX).rolled(STAGE.world(SOFT))
+
+
+def test_a_scene_leaves_out_nothing_that_is_stated():
+    made = recording()
+    with pytest.raises(ValueError, match="states body_force"):
+        Stage(replace(made, body_force=np.zeros(made.p_WQ.shape)), DX)
+    with pytest.raises(ValueError, match=r"the material has effects \(drag\)"):
+        STAGE.world(replace(SOFT, effects=(Acting("drag", 5.0, {}),)))
 
 
 def test_an_effect_is_of_the_world_or_of_a_sensor():

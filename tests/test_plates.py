@@ -10,7 +10,7 @@ from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE, World
 from form_drake.laws import LAWS, law_named
 from form_drake.material import Material
-from form_drake.mpm import simulation, stage
+from form_drake.mpm import settling, simulation, stage, ways
 from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.pencils import Pencils
@@ -18,6 +18,7 @@ from form_drake.mpm.plates import Face
 from form_drake.mpm.solids import Solid
 from form_drake.mpm.stage import Stage
 from form_drake.mpm.tools import Grip, Motions, Tool
+from form_drake.records import Stream
 
 DX, SIZE = 5e-3, np.array([0.02, 0.025, 0.03])
 SOFT = {"mu": 20e3, "lam": 30e3}
@@ -280,6 +281,42 @@ def test_a_body_that_yields_meets_its_plates_as_one_that_does_not():
     assert forces[0] > 0.05 and forces[1] == pytest.approx(forces[0], rel=1e-4)
 
 
+@pytest.mark.parametrize("why", ["large", "viscous", "heavy", "small"])
+def test_a_block_is_at_rest_before_the_first_frame(why, monkeypatch):
+    """Also one that sinks slowly; one that is soon at rest is left as it is."""
+    size, mu = (0.1, 2e3) if why == "large" else (0.02, 20e3)
+    scale, eta = 100.0 if why == "heavy" else 1.0, 5e3 if why == "viscous" else 0.0
+    one = Block(size=(size,) * 3, points=40).shake()
+    still = Stream(one.time, np.tile(np.eye(4), (len(one.time), 1, 1)))
+    one = replace(one, poses={"floor": still}, mass_scale=scale)
+    one = replace(one, time=one.time[:40], p_WQ=one.p_WQ[:40])
+    law = law_named("fixed-corotated+damping" if eta else "fixed-corotated")
+    values = {"mu": mu, "lam": 2.0 * mu} | ({"eta": eta} if eta else {})
+    world = World(law, values, 1000.0, np.array([0.0, 0.0, -9.81]))
+    made = Stage(one, size / 4.0).rolled(world)
+    sunk = np.abs(made.p_WQ[0] - one.reference).max()
+    assert np.abs(made.p_WQ - made.p_WQ[0]).max() < max(5e-3 * sunk, 3e-5 * size)
+    if why == "small":
+        monkeypatch.setattr(stage, "rested", lambda scene, snapshot, still: snapshot)
+        np.testing.assert_array_equal(Stage(one, size / 4.0).rolled(world).p_WQ, made.p_WQ)
+
+
+def test_a_block_that_slides_has_its_shape_at_rest_and_one_that_does_not_come_to_rest_is_refused(
+    monkeypatch,
+):
+    loose = Block(points=40).press("frictionless")
+    loose = replace(loose, contact={"z-": "frictionless floor", "other": "free"}, forces={})
+    loose = replace(loose, time=loose.time[:20], p_WQ=loose.p_WQ[:20])
+    plain = World(LAWS["neo-hookean"], {"C10": 6e3, "kappa": 30e3}, 1e3, np.array([0.1, 0, -9.81]))
+    slid = Stage(loose, 5e-3).rolled(plain).p_WQ
+    shape = slid - slid.mean(axis=1, keepdims=True)
+    assert np.ptp(slid.mean(axis=1)[:, 0]) > 1e-3
+    assert np.abs(shape - shape[0]).max() < 0.05 * np.abs(slid[0] - loose.reference).max()
+    monkeypatch.setattr(settling, "LONGEST", 0.0)
+    with pytest.raises(ValueError, match="the body does not come to rest"):
+        Stage(loose, 5e-3).rolled(plain)
+
+
 def test_a_stiff_block_on_a_shaken_floor_lags_as_if_the_floor_went_by_a_curve(monkeypatch):
     """Which it follows in straight strides, whose corners the block is too slow for."""
     shaken = Block(size=(0.02, 0.02, 0.02), points=60).shake()
@@ -305,10 +342,10 @@ def test_a_steady_way_is_followed_however_its_strides_differ():
     steps = np.array([2e-3, 2e-3, 1e-3, 1.5e-3, 2e-3])
     time, R = np.append(0.0, np.cumsum(steps)), np.tile(np.eye(3), (6, 1, 1))
     p = time[:, None] * np.array([0.05, 0.0, -0.02])
-    assert stage._followed((p, R), steps)[0] == pytest.approx(p, abs=1e-15)
+    assert ways.followed((p, R), steps)[0] == pytest.approx(p, abs=1e-15)
     even, a = np.arange(6) * 2e-3, 0.8
     bent = np.column_stack([0.5 * a * even**2, 0.0 * even, 0.0 * even])
-    found, _ = stage._followed((bent, R), np.full(5, 2e-3))
+    found, _ = ways.followed((bent, R), np.full(5, 2e-3))
     means = 0.5 * (found[1:-2, 0] + found[2:-1, 0])
     wanted = a * (even[2:-1] ** 3 - even[1:-2] ** 3) / 6.0 / 2e-3
     assert means == pytest.approx(wanted, rel=1e-9)

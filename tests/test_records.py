@@ -240,6 +240,8 @@ def test_recordings_are_checked(changes, message):
         {"nodes": (2, 2, 2)},
         {"nodes": (2000, 2000, 2000)},
         {"nodes": (10, 10)},
+        {"nodes": (10.0, 10.0, 10.0)},
+        {"nodes": (10.5, 10, 10)},
         {"gravity": (0.0, 0.0)},
         {"gravity": (0.0, 0.0, np.nan)},
         {"margin": -1.0},
@@ -255,7 +257,8 @@ def test_solver_settings_are_checked(changes):
 
 
 @pytest.mark.parametrize(
-    "wall", [(3, 1, 0.1), (0, 0, 0.1), (0, 1, np.nan), (0, 1, "0"), (0, 1, 0.1, "sticky")]
+    "wall",
+    [(3, 1, 0.1), (1.0, 1, 0.1), (0, 0, 0.1), (0, 1, np.nan), (0, 1, "0"), (0, 1, 0.1, "sticky")],
 )
 def test_walls_are_checked(wall):
     with pytest.raises(ValueError, match="wall"):

@@ -253,3 +253,15 @@ def test_a_particle_that_leaves_is_named():
     made.reset(x, np.full_like(x, 1e7))
     with pytest.raises(BlowUp, match=r"step 1: particle \d+ left the domain"):
         made.step()
+
+
+def test_a_body_that_flies_apart_is_stopped_near_by():
+    """And its material is named among the causes."""
+    x = 0.02 + 0.01 * np.random.default_rng(0).random((20, 3))
+    solver = Solver(dx=DX, nodes=(12, 12, 12), gradient="mls", dt=1e-2, walls=())
+    made = Simulation(solver, LAWS["fixed-corotated"], Body(x, np.full(20, 1e-8), 1e3), total=True)
+    made.set_material({key: 0.0 for key in SOFT})
+    made.reset(x, np.full_like(x, 10.0))
+    made.step(9)
+    with pytest.raises(BlowUp, match=r"left the domain .* its material is unstable"):
+        made.step(3)

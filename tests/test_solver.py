@@ -654,6 +654,37 @@ def test_advance_needs_whole_fixed_steps():
         sim.advance(0.0031)
 
 
+def test_steps_go_on_only():
+    sim, _, _ = tossed()
+    with pytest.raises(ValueError, match="-1 steps: at least 0 are wanted"):
+        sim.step(-1)
+    with pytest.raises(ValueError, match="-2 steps"):
+        sim.run([3, 1])
+    assert sim.state().step == 3
+
+
+@pytest.mark.parametrize("gradient", GRADIENTS)
+def test_a_state_is_taken_as_it_is_given(gradient):
+    """``mls`` has one matrix for C and L: C counts."""
+    sim, x, v = tossed(gradient=gradient)
+    C, L = (np.tile(a * np.eye(3), (len(x), 1, 1)) for a in (1.0, 9.0))
+    sim.reset(x, v, C=C, L=L)
+    np.testing.assert_array_equal(sim.state().C, C)
+    np.testing.assert_array_equal(sim.state().L, C if gradient == "mls" else L)
+    sim.restore(replace(sim.state(), C=2.0 * C))
+    np.testing.assert_array_equal(sim.state().C, 2.0 * C)
+
+
+@pytest.mark.parametrize("kind", ["separate", "slip", "stick"])
+def test_gravity_knows_no_mass_that_is_added_to_nodes(kind):
+    """Nor does a wall that is far away change that."""
+    settings = {"gravity": (0.0, 0.0, -9.81), "mass_eps": 0.1}
+    sim, x, _ = tossed(walls=(Wall(0, -1, 0.2, kind),), **settings)
+    sim.reset(x, np.zeros_like(x))
+    sim.step()
+    assert sim.v[:, 2] == pytest.approx(-9.81 * sim.dt)
+
+
 def test_step_without_any_dt_is_refused():
     sim, _, _ = tossed(dt=None)
     with pytest.raises(ValueError, match="dt"):

@@ -262,6 +262,21 @@ def test_adhesion_bears_a_block_that_weighs_less(strength, holds):
     assert force[2] == pytest.approx(wanted, rel=0.02, abs=1e-6)
 
 
+def test_a_branch_with_its_tools_is_bit_for_bit():
+    floor = Tool("floor", Solid.half_space(), 0.4)
+    coming = replace(at([0.04, 0.04, 0.0201]), v_WT=np.array([[0.0, 0.0, 0.1]]))
+    made = pressed([floor], coming, steps=5)
+    state, there = made.state(), made.tools.motions
+    ends = []
+    for _ in range(2):
+        made.restore(state)
+        made.tools.move(there)
+        made.step(10)
+        ends.append(made.x)
+    np.testing.assert_array_equal(*ends)
+    assert there.p_WT[0, 2] > 0.0201
+
+
 def test_an_impulse_where_a_tool_touches_is_taken_there():
     """What friction gives to the material's angular momentum, the tool's moment loses."""
     body = block(np.array([0.04, 0.04, 0.02 + SIZE[2] / 2]), SIZE, DX / 2, 1000.0)

@@ -16,7 +16,7 @@ from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
 from form_drake.mpm.bodies import rigid_velocity
-from form_drake.mpm.prediction import predict
+from form_drake.mpm.prediction import predict, require_alone
 from form_drake.records import Recording, read, write_recording
 
 Predicted = Callable[[Material, Recording], tuple[Recording, dict[str, Any], str]]
@@ -84,11 +84,6 @@ class Predict:
         material = material.changed(assignments(self.set))
         how = self._how(recording)
         self._refuse_unused(how)
-        if material.effects and how == self._thrown:
-            raise ValueError(
-                f"{self.material} has effects ({', '.join(e.id for e in material.effects)}): they act"
-                " in a station, and in recordings that state their block and the poses of what holds it"
-            )
         predicted, result, text = how(material, recording)
         if self.out is not None:
             write_recording(predicted, out)
@@ -149,6 +144,7 @@ class Predict:
     def _thrown(
         self, material: Material, recording: Recording
     ) -> tuple[Recording, dict[str, Any], str]:
+        require_alone(material)
         recording = moving(recording, self.initial_velocity)
         with tqdm(total=recording.frames, unit="frame", disable=None, delay=2, leave=False) as bar:
             prediction = predict(

@@ -9,11 +9,17 @@ from form_drake.effects.world import AddedMass, World
 
 
 def _tilt(gravity: np.ndarray, shape: Shape) -> np.ndarray:
-    """d gravity / d angle [m/s^2 per rad] of a small turn of gravity towards a horizontal direction."""
-    along = gravity / np.linalg.norm(gravity)
+    """d gravity / d angle [m/s^2 per rad] of a small turn of gravity towards an azimuth; 0 without gravity.
+
+    Across gravity that is not vertical, azimuths are those of the horizontal plane, tipped with it.
+    """
+    size = float(np.linalg.norm(gravity))
+    if not size:
+        return np.zeros(3)
+    along, vertical = gravity / size, np.array([0.0, 0.0, np.copysign(1.0, gravity[2])])
     towards = np.array([np.cos(shape["azimuth"]), np.sin(shape["azimuth"]), 0.0])
-    across = towards - (towards @ along) * along
-    return np.linalg.norm(gravity) * across / np.linalg.norm(across)
+    tipped = (towards @ along) / (1.0 + vertical @ along) * (vertical + along)
+    return np.asarray(size * (towards - tipped))
 
 
 def _tilt_column(reading: Reading, shape: Shape) -> np.ndarray:
@@ -21,6 +27,8 @@ def _tilt_column(reading: Reading, shape: Shape) -> np.ndarray:
 
 
 def _tilt_world(scene: World, size: float, shape: Shape) -> World:
+    if not np.any(scene.gravity):
+        raise ValueError("gravity-tilt: there is no gravity to turn: state gravity [m/s^2]")
     turned = np.cos(size) * scene.gravity + np.sin(size) * _tilt(scene.gravity, shape)
     return replace(scene, gravity=turned)
 

@@ -46,7 +46,7 @@ class Boundary:
             return
         split, weigh, fold, solve, unfold = fold_kernels(precision)
         sums = [self._momentum, self._mass, self._folded]
-        self._launch(split, len(grid), [grid, clock, *sums])
+        self._launch(split, len(grid), [grid, clock, self._eps, *sums])
         for axis, (parents, table, shares) in self._folds.items():
             self._launch(weigh, self.solver.nodes, [axis, parents, shares, nodes, *sums[1:]])
             self._launch(fold, self.solver.nodes, [axis, parents, table, nodes, *sums])

@@ -122,8 +122,15 @@ class Scene:
             device=device,
         )
         self._untied = [t.name for t in tools if t.plate or (total and t.contact == "bonded")]
-        for n, material in enumerate(materials):
-            self.simulation.set_material(material.values, n)
+        self._materials = tuple(materials)
+        self.resist_rates(True)
+
+    def resist_rates(self, on: bool) -> None:
+        """Give the bodies their materials, with what is viscous in them or without."""
+        for n, material in enumerate(self._materials):
+            viscous = [] if on else [t.key for t in material.law.terms if t.unit == "Pa s"]
+            values = {**material.values, **dict.fromkeys(viscous, 0.0)}
+            self.simulation.set_material(values, n)
 
     @property
     def tools(self) -> tuple[Tool, ...]:

@@ -18,7 +18,7 @@ from form_drake.mpm.pencils import Pencils
 from form_drake.mpm.transfer import g2p, p2g, pulled
 from form_drake.records.solver import Solver
 
-FAR = 1e6  # [m]
+FAR = 100.0  # times its size that a body over its rest shape may go: tools may carry it
 
 
 class Grid:
@@ -45,7 +45,7 @@ class Grid:
         rest = np.ascontiguousarray(body.x, dtype=dtype)
         self._rest = wp.array(rest, dtype=t.vec3, device=device) if total else None
         self._flux = wp.zeros(n if total else 0, dtype=t.mat, device=device)
-        self._low, self._high = (t.vec3(*end) for end in self._domain())
+        self._low, self._high = (t.vec3(*end) for end in self._domain(body.x))
         self._boundary = Boundary(solver, device)
         self._kernels = (
             p2g(solver.gradient, solver.precision),
@@ -58,11 +58,13 @@ class Grid:
             self._pencils = Pencils.of(*own, solver.dx, nodes)
         self._share = t.real(share if total else 1.0)
 
-    def _domain(self) -> tuple[np.ndarray, np.ndarray]:
+    def _domain(self, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of where particles may be [m]."""
-        if self._total:
-            return np.full(3, -FAR), np.full(3, FAR)
         dx, margin = self._solver.dx, self._solver.margin
+        if self._total:
+            low, high = rest.min(axis=0), rest.max(axis=0)
+            far = FAR * max(float((high - low).max()), dx)
+            return low - far, high + far
         extent = np.array(self._solver.nodes) * dx
         edges = (0.5, 1.5) if margin is None else (margin, margin)
         return np.full(3, edges[0] * dx), extent - edges[1] * dx

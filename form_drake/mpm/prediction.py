@@ -34,6 +34,20 @@ def loss_frames(recording: Recording) -> np.ndarray:
     return np.flatnonzero((recording.step - recording.step[0]) % LOSS_EVERY == 0)
 
 
+def require_alone(material: Material) -> None:
+    """Refuse a material with effects, which act where tools hold a body.
+
+    Raises:
+        ValueError: it has some.
+    """
+    if material.effects:
+        ids = ", ".join(one.id for one in material.effects)
+        raise ValueError(
+            f"the material has effects ({ids}): they act in a station, and in recordings that state"
+            " their block and the poses of what holds it"
+        )
+
+
 def predict(
     recording: Recording,
     material: Material,
@@ -53,12 +67,22 @@ def predict(
         A ``Prediction``.
 
     Raises:
-        ValueError: the recording lacks what a rollout needs.
+        ValueError: the recording lacks what a rollout needs, or states what it would leave out, as the
+            material may; or no point is measured that the loss could compare.
         BlowUp: the simulation broke down.
     """
+    require_alone(material)
     for name in ("solver", "volume", "v_0"):
         if getattr(recording, name) is None:
             raise ValueError(f"the recording states no {name}, which a prediction needs")
+    if recording.body_force is not None or recording.mass_scale != 1.0:
+        raise ValueError(
+            "the recording states body_force or another mass_scale than 1, which a prediction would leave"
+            " out: take gravity alone, and masses as they are"
+        )
+    used = loss_frames(recording)
+    if recording.valid is not None and not recording.valid[used].any():
+        raise ValueError("no point is valid in any frame of the loss: nothing can be compared")
     density = recording.density or material.density
     if density is None:
         raise ValueError("neither the recording nor the material states a density")
@@ -76,7 +100,6 @@ def predict(
         positions[i] = simulation.x
         if progress is not None:
             progress(i + 1, recording.frames)
-    used = loss_frames(recording)
     error = (positions[used] - recording.p_WQ[used]).astype(float) ** 2
     if recording.valid is not None:
         error = error[recording.valid[used]]

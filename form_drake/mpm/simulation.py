@@ -166,12 +166,15 @@ class Simulation:
         self._memories.assign(vectors(memories).astype(self._dtype))
 
     def reset(self, x: np.ndarray, v: np.ndarray, **state: np.ndarray) -> None:
-        """Start from positions and velocities, at rest shape unless C, L, F are given."""
+        """Start from positions and velocities, at rest shape unless C, L, F are given.
+
+        Where C and L are one matrix, with ``mls``, C counts.
+        """
         n = len(self.body.x)
         eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
-        C = state.get("C", zero)
+        C = state.get("C", state.get("L", zero) if self._L is self._C else zero)
         F = state.get("F", eye)
-        self._write(x=x, v=v, C=C, L=state.get("L", C), F=F)
+        self._write(x=x, v=v, L=state.get("L", C), C=C, F=F)
         if self.total:
             self._write(T=state.get("T", eye), lost=zero)
         if self.memories:
@@ -196,13 +199,16 @@ class Simulation:
     @property
     def _kept(self) -> tuple[str, ...]:
         """Arrays of the particles that a snapshot holds."""
-        kept = ("x", "v", "C", "L", "F", "tau")
+        kept = ("x", "v", "L", "C", "F", "tau")  # C counts where it is L too
         kept += ("T", "lost") if self.total else ()
         kept += ("late", "felt") if self._lags else ()
         return (*kept, "parts", "plastic") if self.memories else kept
 
     def state(self) -> State:
-        """Snapshot of everything that the next step reads; its arrays are not written again."""
+        """Snapshot of the material, all that the next step reads but where ``tools`` are.
+
+        Its arrays are not written again.
+        """
         if self._held is None:
             arrays = {k: getattr(self, "_" + k).numpy().copy() for k in self._kept}
             if self.total:
@@ -213,7 +219,7 @@ class Simulation:
         return self._held
 
     def restore(self, state: State) -> None:
-        """Continue from a snapshot, bit for bit on the CPU."""
+        """Continue from a snapshot, bit for bit on the CPU; tools are moved by whoever steps."""
         if state is self._held:
             return
         self._write(**{k: getattr(state, k) for k in self._kept})
@@ -295,9 +301,11 @@ class Simulation:
         """Make steps of the current dt.
 
         Raises:
-            ValueError: there is no material, or no dt yet.
+            ValueError: there is no material, or no dt yet, or steps are negative.
             BlowUp: a particle is not finite or left the domain.
         """
+        if steps < 0:
+            raise ValueError(f"{steps} steps: at least 0 are wanted; a simulation goes on only")
         if not self.pace.known:
             raise ValueError("a body has no material yet: call set_material first")
         if steps and not self._dt:
@@ -314,7 +322,7 @@ class Simulation:
         if particle < 0:
             return
         limit = self.pace.stable(cfl=1.0)
-        cause = "a wall is missing or the body is thrown out of the grid"
+        cause = "a wall is missing, the body is thrown out of the grid or its material is unstable"
         if self._dt > limit:
             cause = f"the time step {self._dt:.3g} s exceeds the stability limit {limit:.3g} s"
         raise BlowUp(

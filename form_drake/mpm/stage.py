@@ -1,24 +1,23 @@
 """A block between faces that move as recorded: what a recording states, simulated without a robot."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from form_drake.effects.world import World
 from form_drake.laws.memory import NEVER
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
-from form_drake.motion.poses import Poses
 from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.exchange import Scene, Snapshot, region_around
+from form_drake.mpm.settling import rested
 from form_drake.mpm.solids import Solid
-from form_drake.mpm.tools import Grip, Motions, Tool
+from form_drake.mpm.tools import Grip, Tool
 from form_drake.mpm.tracing import between
+from form_drake.mpm.ways import Path, followed, motions_of, require_apart
 from form_drake.records import Recording, Stream
 
 PERIOD = 2e-3  # longest time [s] for which tools go straight on
@@ -27,16 +26,14 @@ COMING = 0.5  # of it, in which tools come to where they begin: what yields reme
 CALM = 250.0  # rate [1/s] at which velocities decay meanwhile
 QUARTER = 0.25  # of a cell, by which faces lie beyond a node
 
-# places [m] and orientations, shapes [times, 3] and [times, 3, 3]
-_Way = tuple[np.ndarray, np.ndarray]
-
 
 @dataclass(frozen=True)
 class Stage:
     """What is simulated again.
 
     Attributes:
-        recording: of a block whose box, faces, and poses of tools that touch it are stated.
+        recording: of a block whose box, faces, and poses of tools that touch it are stated; what acts on
+            it besides is gravity.
         dx: grid spacing [m].
         precision: ``float32`` or ``float64``.
         device: Warp device.
@@ -47,8 +44,22 @@ class Stage:
     precision: str = "float32"
     device: str = "cpu"
 
+    def __post_init__(self) -> None:
+        if self.recording.body_force is not None:
+            raise ValueError("the recording states body_force, which no block is simulated with")
+
     def world(self, material: Material) -> World:
-        """The plain scene of a material, as the recording states it."""
+        """The plain scene of a material, as the recording states it.
+
+        Raises:
+            ValueError: the material has effects, which change a scene once it is made.
+        """
+        if material.effects:
+            ids = ", ".join(one.id for one in material.effects)
+            raise ValueError(
+                f"the material has effects ({ids}): simulate it as a Model of"
+                " form_drake.diagnose, which applies them"
+            )
         gravity = np.zeros(3) if self.recording.gravity is None else self.recording.gravity
         return World(material.law, material.values, self._shape.density, np.asarray(gravity, float))
 
@@ -77,7 +88,7 @@ class Stage:
     def _set(self, world: World) -> "_Play":
         shape = self._shape
         held = self._held(shape)
-        paths = [_Path.of(self.recording, shape, face) for face in held]
+        paths = [Path.of(self.recording, shape, face) for face in held]
         dx, places = self._grid(shape, held)
         size, middle = shape.high - shape.low, 0.5 * (shape.low + shape.high)
         bodies = by_material(world, block(middle, size, 0.5 * dx, world.density))
@@ -104,7 +115,8 @@ class Stage:
         """Faces that a tool or support holds.
 
         Raises:
-            ValueError: one of which nobody knows how it is held, or a measured tool without poses.
+            ValueError: one of which nobody knows how it is held, or a measured tool without poses; or
+                nothing holds the body.
         """
         poses, last = self.recording.poses, self.recording.time[[0, -1]]
         for face in shape.faces:
@@ -122,7 +134,10 @@ class Stage:
                     f"poses of {face.tool} are stamped {stamps} s, the frames {last} s: they must"
                     " cover the frames"
                 )
-        return [f for f in shape.faces if f.condition != "free"]
+        held = [f for f in shape.faces if f.condition != "free"]
+        if not held:
+            raise ValueError("all faces are free: a block that nothing holds is not simulated")
+        return held
 
     def _grid(self, shape: Shape, held: list[Face]) -> tuple[float, dict[int, float]]:
         """A spacing near ``dx`` [m], and places a quarter of a cell off nodes [m], by axis.
@@ -146,7 +161,7 @@ class _Play:
     recording: Recording
     world: World
     scene: Scene
-    paths: "list[_Path]"
+    paths: list[Path]
 
     @cached_property
     def _time(self) -> np.ndarray:
@@ -162,18 +177,23 @@ class _Play:
             for (a, z), n in zip(pairwise(self._time), counts, strict=True)
         ]
         ends = np.concatenate([[0.0], *parts])
+        require_apart(self.paths, ends)
         snapshot = self._settled()
         frames, forces, late = [snapshot], [snapshot.force], []
         steps = np.diff(ends)
-        motions = _motions([_followed(p.at(ends), steps) for p in self.paths], steps)
+        motions = motions_of([followed(p.at(ends), steps) for p in self.paths], steps)
         for first, last in pairwise(np.append(0, np.cumsum(counts)).tolist()):
             own = slice(first, last)
             snapshot, mean = self.scene.follow(snapshot, motions[own], steps[own])
             forces.extend(mean)
             frames.append(snapshot)
             late += [0.5 * self.scene.simulation.dt] * len(mean)
-        if not all(np.isfinite(f.p_WQ).all() for f in frames):
-            raise ValueError("the simulation of the recorded scene does not stay finite")
+            if not np.linalg.det(snapshot.state.T).min() > 0.0:
+                raise ValueError(
+                    f"the simulated body turns inside out {ends[last]:.3g} s after the first frame: it is"
+                    " pressed or pulled too far for its grid, or its material is unstable; check poses,"
+                    " units and values"
+                )
         # the impulses of a step balance stresses as they are where it begins
         stamps = np.concatenate([[0.0], 0.5 * (ends[1:] + ends[:-1]) - late, ends[-1:]])
         return frames, stamps, np.array([*forces, snapshot.force])
@@ -183,13 +203,14 @@ class _Play:
         scene, world = self.scene, self.world
         count = int(np.ceil(SETTLING / PERIOD))
         share = np.clip(np.linspace(0.0, 1.0 / COMING, count + 1), 0.0, 1.0)
-        motions = _motions([p.coming(share) for p in self.paths], np.full(count, PERIOD))
+        motions = motions_of([p.coming(share) for p in self.paths], np.full(count, PERIOD))
         scene.tie(motions[0])
         self._grip(replace(world, friction=0.0, adhesion=0.0, slipping=0.0, slippery=0.0))
         snapshot = scene.start()
         relaxed = [replace(m, rate=NEVER if m.rate else 0.0) for m in world.memories]
         scene.simulation.set_memories(relaxed)
         snapshot, _ = scene.follow(snapshot, motions, np.full(count, PERIOD), CALM)
+        snapshot = rested(scene, snapshot, motions[-1])
         scene.simulation.set_memories(world.memories)
         self._grip(world)
         return snapshot
@@ -229,78 +250,6 @@ class _Play:
         v, F, L = (np.array([getattr(f.state, k) for f in frames]) for k in "vFL")
         x = np.array([f.p_WQ for f in frames])
         return Motion(self._time, self.scene.rest, x, v, F, L, body.volume, body.mass)
-
-
-@dataclass(frozen=True)
-class _Path:
-    """How the plane of a face moves with its tool.
-
-    Attributes:
-        tool: its name; "" where it stands still.
-        face: middle of the face of the body in its rest shape [m], shape [3].
-        p: place of the middle of the plane in the tool's frame [m], shape [3].
-        R: from the plane's frame, whose z points out of the tool, to the tool's, shape [3, 3].
-        poses: of the tool by time from the first frame on [s]; None: it stands still.
-    """
-
-    tool: str
-    face: np.ndarray
-    p: np.ndarray
-    R: np.ndarray
-    poses: Poses | None
-
-    @classmethod
-    def of(cls, recording: Recording, shape: Shape, face: Face) -> "_Path":
-        ends = (shape.low, shape.high)
-        middle = 0.5 * (shape.low + shape.high)
-        middle[face.axis] = ends[face.side][face.axis]
-        inward = np.zeros(3)
-        inward[face.axis] = -1.0 if face.side else 1.0
-        across = np.eye(3)[(face.axis + 1) % 3]
-        R = np.stack([across, np.cross(inward, across), inward], axis=1)
-        pose = recording.poses.get(face.tool)
-        if pose is None:
-            return cls(face.tool, middle, middle, R, None)
-        poses = Poses(replace(pose, time=pose.time - recording.time[0]))
-        (first,) = poses.at(np.zeros(1))
-        p = first[:3, :3].T @ (middle - first[:3, 3])
-        if face.condition != "bonded":  # its plane holds the tool's origin
-            p[...] -= (first[:3, :3].T @ inward) * (inward @ (middle - first[:3, 3]))
-        return cls(face.tool, middle, p, first[:3, :3].T @ R, poses)
-
-    def coming(self, share: np.ndarray) -> _Way:
-        """The same on the way from the rest shape to where it begins, at shares of that way."""
-        p, R = self.at(np.zeros(len(share)))
-        return self.face + share[:, None] * (p - self.face), R
-
-    def at(self, time: np.ndarray) -> _Way:
-        """Places [m] and orientations of the plane, shapes [times, 3] and [times, 3, 3]."""
-        if self.poses is None:
-            shape = (len(time), 1)
-            return np.tile(self.p, shape), np.tile(self.R, (*shape, 1))
-        X = self.poses.at(time)
-        return X[:, :3, 3] + X[:, :3, :3] @ self.p, X[:, :3, :3] @ self.R
-
-
-def _followed(way: _Way, steps: np.ndarray) -> _Way:
-    """Corners of a way that goes straight for every step [s] and is the curve on average.
-
-    A body cannot follow the corners: it would see chords, that lie inside of the curve by a twelfth of
-    its second differences.
-    """
-    p, R = way
-    before, after = steps[:-1, None], steps[1:, None]
-    bend = 2.0 * np.diff(np.diff(p, axis=0) / steps[:, None], axis=0) / (before + after)
-    return np.concatenate([p[:1], p[1:-1] - before * after * bend / 12.0, p[-1:]]), R
-
-
-def _motions(ways: Sequence[_Way], steps: np.ndarray) -> list[Motions]:
-    """Places of planes at all times but the last, and velocities that lead to where they are next."""
-    p, R = (np.stack(a, axis=1) for a in zip(*ways, strict=True))
-    over = np.maximum(steps, 1e-300)[:, None, None]
-    turns = (R[1:] @ R[:-1].swapaxes(-1, -2)).reshape(-1, 3, 3)
-    w = Rotation.from_matrix(turns).as_rotvec().reshape(p[1:].shape) / over
-    return [Motions(*a) for a in zip(p[:-1], R[:-1], np.diff(p, axis=0) / over, w, strict=True)]
 
 
 def _within(ends: np.ndarray, stamps: np.ndarray) -> bool:

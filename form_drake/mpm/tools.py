@@ -136,6 +136,11 @@ class Tools:
         for target, value in zip(self._motion, vars(motions).values(), strict=True):
             target.write(value)
 
+    @property
+    def motions(self) -> Motions:
+        """Where tools are and how they move, for ``move``."""
+        return Motions(*(held.read() for held in self._motion))
+
     def grip(self, n: int, grip: Grip) -> None:
         """Change how the n-th tool holds what it touches or what is tied to it."""
         grips = self._grip.numpy()

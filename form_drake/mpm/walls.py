@@ -167,6 +167,7 @@ def fold_kernels(precision: str):
     def split(
         grid: wp.array(dtype=vec4),
         clock: wp.array(dtype=vec4),
+        eps: real,
         momentum: wp.array(dtype=vec3),
         mass: wp.array(dtype=vec3),
         folded: wp.array(dtype=int),
@@ -174,7 +175,7 @@ def fold_kernels(precision: str):
         n = wp.tid()
         g = grid[n]
         c = clock[0]
-        impulse = g[3] * c[0]
+        impulse = (g[3] + eps) * c[0]
         momentum[n] = vec3(g[0] + impulse * c[1], g[1] + impulse * c[2], g[2] + impulse * c[3])
         mass[n] = vec3(g[3], g[3], g[3])
         folded[n] = 0

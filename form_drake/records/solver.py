@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from numbers import Real
+from numbers import Integral, Real
 from typing import Literal
 
 Gradient = Literal["exact", "mls"]
@@ -34,7 +34,8 @@ class Wall:
     kind: WallKind = "separate"
 
     def __post_init__(self) -> None:
-        if self.axis not in (0, 1, 2) or self.side not in (-1, 1):
+        whole = isinstance(self.axis, Integral) and isinstance(self.side, Integral)
+        if not whole or self.axis not in (0, 1, 2) or self.side not in (-1, 1):
             raise ValueError(
                 f"wall axis {self.axis}, side {self.side}: allowed are axes 0, 1, 2 and sides -1, 1"
             )
@@ -81,8 +82,8 @@ class Solver:
             "three components of gravity": len(self.gravity) == 3,
             "margin >= 0 or none": self.margin is None or self.margin >= 0,
             "dx > 0": self.dx > 0,
-            "three node counts from 4 to 2000": len(self.nodes) == 3
-            and all(4 <= n <= 2000 for n in self.nodes),
+            "three node counts, whole numbers from 4 to 2000": len(self.nodes) == 3
+            and all(isinstance(n, Integral) and 4 <= n <= 2000 for n in self.nodes),
             "at most 1e8 nodes": math.prod(self.nodes) <= 1e8,
             "dt > 0 or none": self.dt is None or self.dt > 0,
             "gradient exact or mls": self.gradient in GRADIENTS,
