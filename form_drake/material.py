@@ -265,12 +265,14 @@ def _effects(entries: Any) -> tuple[Acting, ...]:
         if unknown or not isinstance(shape, dict):
             raise ValueError(f"effect {name}: id, coefficient, std and a mapping shape are allowed")
         std = entry.get("std")
+        if std is not None and not finite(f"effect {name}: std", std) >= 0.0:
+            raise ValueError(f"effect {name}: std must not be negative, got {std}")
         found.append(
             Acting(
                 name,
                 finite(f"effect {name}: coefficient", entry.get("coefficient")),
                 {str(k): finite(f"effect {name}: {k}", v) for k, v in shape.items()},
-                None if std is None else finite(f"effect {name}: std", std),
+                None if std is None else float(std),
             )
         )
     return tuple(found)

@@ -162,7 +162,7 @@ class Check:
         material = read_material(self.file)
         effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
         try:
-            known(material.effects, effects)
+            known(material.effects, material.law, effects)
             found = _material(material, self.file)
         except ValueError as error:
             lost = any(one.id not in effects for one in material.effects)
