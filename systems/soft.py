@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.effects import CATALOGUE, Effect, World
 from form_drake.effects.acting import changed, known, placed
+from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
@@ -235,8 +236,8 @@ def AddMaterial(
 
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
-            period, another system already feeds its applied_spatial_force port, or a stated shape,
-            contact or region does not fit.
+            period, another system already feeds its applied_spatial_force port, a stated shape,
+            contact or region does not fit, or a modulus of a material is not positive.
     """
     if not plant.is_finalized():
         raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
@@ -265,6 +266,8 @@ def AddMaterial(
             f"{len(materials)} materials, {len(shapes)} shapes, {len(poses)} poses: one of each for"
             " every body"
         )
+    for one in materials:
+        check_moduli(one.law, one.values)
     edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
     dx = float(min(edges)) / 6.0 if dx is None else dx
     apart = dx / _counts(per_cell)

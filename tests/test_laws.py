@@ -17,12 +17,12 @@ import warp as wp
 
 from form_drake.commands.inspect import List
 from form_drake.identify.columns import Columns
-from form_drake.laws import LAWS, Constant, Term, law_named, load
+from form_drake.laws import KAPPA, LAWS, Constant, Term, law_named, load
 from form_drake.laws.elastic import GENT, MOONEY_RIVLIN, YEOH, first_invariant, linear_volume
 from form_drake.laws.flow import BINGHAM, granular_pressure, viscous
 from form_drake.laws.kernels import types, update
 from form_drake.laws.values import checked_values
-from form_drake.material import Material, read_material
+from form_drake.material import Material, derived, read_material
 from form_drake.mpm.simulation import Body, Simulation, State
 from form_drake.records.solver import GRADIENTS, Solver, Wall
 
@@ -708,3 +708,15 @@ law = made("dusty", parameters=(Term("m", "-", friction, guess=(0.1,)), KAPPA), 
     assert alone[0] == pytest.approx((5e4 * (1 - J) - 1e4 * J * (1 - J)) * np.eye(3))
     total = ended(law_named("damping+dusty"), values | {"eta": 3.0}, F, L)[1]
     assert total == pytest.approx(alone)
+
+
+def test_names_of_own_parameters_mean_nothing_to_the_package():
+    shape = Constant("alpha", "-", "shape", guess=(2.0,))
+    own = replace(GENT, name="own", parameters=(GENT.parameter("mu"), shape, KAPPA))
+    values = {"mu": 1e3, "alpha": 2.0, "kappa": 1e5}
+    assert checked_values(own, values) == values
+    assert list(derived(own)) == ["E", "nu"]
+    sand = law_named("drucker-prager+damping")
+    assert {"E", "nu", "K", "friction_angle"} == set(derived(sand))
+    with pytest.raises(ValueError, match="alpha: must be below sqrt"):
+        checked_values(sand, {"alpha": 0.9})

@@ -843,6 +843,22 @@ def test_an_identified_cone_always_has_an_angle(alpha):
     assert abs(angle.value) <= np.pi / 2
 
 
+@pytest.mark.parametrize(
+    ("law", "values", "told"),
+    [
+        ("fixed-corotated", {"mu": 3.0, "lam": -3.0}, "bulk modulus -1 Pa: must be positive"),
+        ("drucker-prager", {"mu": 3.0, "lam": -5.0, "alpha": 0.3}, "bulk modulus -3 Pa"),
+        ("mooney-rivlin", {"C10": 1.0, "C01": -3.0, "kappa": 9.0}, "shear modulus -4 Pa"),
+    ],
+)
+def test_a_body_that_gives_way_is_written_and_not_read(tmp_path, law, values, told):
+    keys = tuple(values)
+    material = Material(LAWS[law], values, 900.0, keys, np.eye(len(keys)))
+    material.write(tmp_path / "a.yaml")
+    assert "E" not in material.to_json() if values.get("lam") == -3.0 else "E" in material.to_json()
+    refused(tmp_path / "a.yaml", told, read_material)
+
+
 @pytest.mark.parametrize("key", ["E", "nu", "K", "Y"])
 @pytest.mark.parametrize("factor", [1.0 + 5e-7, 1.0 + 2e-6, 2.0])
 def test_an_edited_derived_value_is_refused(tmp_path, key, factor):
