@@ -102,7 +102,7 @@ def finite(key: str, value: Any) -> float:
         ValueError: it is none.
     """
     try:
-        number = float(value) if not isinstance(value, bool) else np.nan
+        number = float(value) if not isinstance(value, bool | np.bool_) else np.nan
     except (TypeError, ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):
