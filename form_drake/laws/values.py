@@ -91,7 +91,7 @@ def check_moduli(law: Law, values: Values) -> None:
     for name, modulus in moduli.items():
         if not modulus > 0.0:
             raise ValueError(
-                f"{name} modulus {modulus:.6g} Pa: must be positive, change {', '.join(law.keys)}"
+                f"{name} modulus {modulus:.6g} Pa: must be positive, change {', '.join(t.key for t in law.terms)}"
             )
 
 
