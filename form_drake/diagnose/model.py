@@ -9,7 +9,6 @@ import numpy as np
 from form_drake.effects import Effect, Shape, World
 from form_drake.effects.acting import Known, changed, known, sensed
 from form_drake.laws import ADDITIONS, Law, Values
-from form_drake.laws.values import check_moduli
 from form_drake.material import Acting, Material
 from form_drake.motion import body
 from form_drake.mpm.stage import Stage
@@ -111,9 +110,8 @@ class Model:
         """Of a material's file, with a catalogue of effects by id.
 
         Raises:
-            ValueError: a modulus is not positive, or see ``form_drake.effects.acting.known``.
+            ValueError: see ``form_drake.effects.acting.known``.
         """
-        check_moduli(material.law, material.values)
         stds = [one.std or 0.0 for one in material.effects]
         acting = zip(known(material.effects, material.law, effects), stds, strict=True)
         causes = (Cause(one.effect, one.coefficient, one.shape, std) for one, std in acting)

@@ -90,9 +90,8 @@ def check_moduli(law: Law, values: Values) -> None:
     moduli = {"bulk": K} | ({"shear": G} if law.flow in ("elastic", "plastic") else {})
     for name, modulus in moduli.items():
         if not modulus > 0.0:
-            raise ValueError(
-                f"{name} modulus {modulus:.6g} Pa: must be positive, change {', '.join(t.key for t in law.terms)}"
-            )
+            keys = ", ".join(t.key for t in law.terms)
+            raise ValueError(f"{name} modulus {modulus:.6g} Pa: must be positive, change {keys}")
 
 
 def finite(key: str, value: Any) -> float:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from form_drake.effects.world import World
 from form_drake.laws.memory import NEVER
+from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
@@ -48,7 +49,12 @@ class Stage:
     device: str = "cpu"
 
     def world(self, material: Material) -> World:
-        """The plain scene of a material, as the recording states it."""
+        """The plain scene of a material, as the recording states it.
+
+        Raises:
+            ValueError: a modulus is not positive.
+        """
+        check_moduli(material.law, material.values)
         gravity = np.zeros(3) if self.recording.gravity is None else self.recording.gravity
         return World(material.law, material.values, self._shape.density, np.asarray(gravity, float))
 
