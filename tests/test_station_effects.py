@@ -209,3 +209,14 @@ def test_effects_act_on_one_body_alone():
     poses = [RigidTransform([0.0, 0.0, z]) for z in (0.0, 0.1)]
     with pytest.raises(ValueError, match="one body alone, here are 2"):
         AddMaterial(builder, plant, scene_graph, [material] * 2, shapes, poses)
+
+
+def test_a_body_that_gives_way_is_not_simulated():
+    values = {"mu": 1e4, "lam": -1e4}
+    soft = replace(acting().specimen.made(), values=values)
+    with pytest.raises(ValueError, match=r"bulk modulus -3333.33 Pa: must be positive"):
+        make_station(acting(), material=soft)
+    with pytest.raises(ValueError, match=r"bulk modulus -3333.33 Pa: must be positive"):
+        acting(
+            changes=(f"specimen.material={yaml.safe_dump({**values, 'density': 1e3})}",)
+        ).specimen.made()
