@@ -303,7 +303,7 @@ def full_recording() -> Recording:
         states=States(**_arrays(States)),
         law="neo-hookean",
         known={"kappa": 1.0},
-        poses={"NAME": stream(4, 4)},
+        poses={"NAME": replace(stream(4, 4), value=np.tile(np.eye(4), (SIZES["samples"], 1, 1)))},
         forces={"NAME": replace(stream(3), noise=1.0)},
         joints=stream(SIZES["joints"]),
         cameras={"NAME": Camera(np.eye(3), np.eye(4), np.zeros(5), (640, 480))},

@@ -27,6 +27,15 @@ class PlainLoader(yaml.SafeLoader):
             raise yaml.YAMLError("aliases are not read")
         return super().compose_node(parent, index)
 
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """What a node stands for, if it is of the kind that its tag says."""
+        try:
+            return super().construct_object(node, deep)
+        except (AttributeError, LookupError, TypeError, ValueError):
+            line, value = node.start_mark.line + 1, str(node.value)[:60]
+            kind = node.tag.rpartition(":")[2]
+            raise yaml.YAMLError(f"line {line}: {value!r} is no {kind}") from None
+
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
         """A mapping in which every key stands once."""
         found = super().construct_mapping(node, deep)
@@ -38,6 +47,19 @@ class PlainLoader(yaml.SafeLoader):
                 f"{key} is given twice in the entries from line {line} on: keep one"
             )
         return found
+
+
+def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object in which every key stands once, see ``json.loads``.
+
+    Raises:
+        ValueError: one stands twice.
+    """
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        key = Counter(key for key, _ in pairs).most_common(1)[0][0]
+        raise ValueError(f"{key[:60]} is given twice: keep one")
+    return found
 
 
 def target(path: Path) -> Path:
@@ -185,7 +207,11 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """
     text = read_text(path)
     try:
-        value = json.loads(text) if path.suffix == ".json" else yaml.load(text, PlainLoader)
+        value = (
+            json.loads(text, object_pairs_hook=once)
+            if path.suffix == ".json"
+            else yaml.load(text, PlainLoader)
+        )
     except (ValueError, yaml.YAMLError, RecursionError) as error:
         first = " ".join(str(error).split())[:160]
         raise ValueError(f"{path}: not valid {path.suffix[1:] or 'YAML'} ({first})") from None

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,13 @@ import yaml
 
 from form_drake.files import read_mapping, write_text
 from form_drake.laws import Law, Values, law_named
-from form_drake.laws.flow import repose_angle
-from form_drake.laws.plastic import friction_angle
-from form_drake.laws.values import ENGINEERING, STEEPEST, checked_values, finite, has_lame
+from form_drake.laws.values import (
+    ENGINEERING,
+    check_moduli,
+    checked_values,
+    finite,
+    has_lame,
+)
 
 VERSION = 1
 ENTRIES = {"form_drake_material", "law", "density", "parameters", "covariance", "effects"}
@@ -93,7 +98,8 @@ class Material:
                 std = float(np.sqrt(max(self.covariance[i, i], 0.0)))
             out[key] = Parameter(self.values[key], std, self.law.unit(key))
         for key, (unit, function) in derived(self.law).items():
-            out[key] = Parameter(function(self.values), self._derived_std(function), unit, True)
+            with suppress(ZeroDivisionError):  # estimated moduli may cancel: nothing follows then
+                out[key] = Parameter(function(self.values), self._derived_std(function), unit, True)
         return out
 
     def _derived_std(self, function: Callable[[Values], float]) -> float | None:
@@ -155,26 +161,23 @@ def derived(law: Law) -> dict[str, tuple[str, Callable[[Values], float]]]:
         out["nu"] = ("-", lambda v: _poisson(*law.moduli(v)))
     if "kappa" not in law.keys or law.summands:  # of a sum, kappa may be a part of K only
         out["K"] = ("Pa", lambda v: law.moduli(v)[0])
-    if any(part.name == "von-mises" for part in law.parts):
-        out["Y"] = ("Pa", lambda v: np.sqrt(1.5) * v["tau_y"])
-    if "alpha" in law.keys:
-        out["friction_angle"] = ("rad", lambda v: _cone_angle(v["alpha"]))
-    if "mu_s" in law.keys:
-        out["friction_angle"] = ("rad", lambda v: repose_angle(v["mu_s"]))
+    for p in law.parameters:
+        if p.tells:
+            name, unit, function = p.tells
+            out[name] = (unit, _alone(p.key, function))
     return {k: entry for k, entry in out.items() if k not in law.keys}
 
 
-def _cone_angle(alpha: float) -> float:
-    """The friction angle [rad], for every alpha: an estimate may lie outside of what can be."""
-    return friction_angle(float(np.clip(alpha, -0.5 * STEEPEST, STEEPEST)))
+def _alone(key: str, function: Callable[[float], float]) -> Callable[[Values], float]:
+    return lambda values: function(values[key])
 
 
 def _young(K: float, G: float) -> float:
-    return 9.0 * K * G / (3.0 * K + G)
+    return float(9.0 * K * G) / float(3.0 * K + G)
 
 
 def _poisson(K: float, G: float) -> float:
-    return (3.0 * K - 2.0 * G) / (2.0 * (3.0 * K + G))
+    return float(3.0 * K - 2.0 * G) / float(2.0 * (3.0 * K + G))
 
 
 def read_material(path: Path) -> Material:
@@ -216,6 +219,7 @@ def _parse(content: dict[str, Any]) -> Material:
     keys, covariance = _covariance(law, content.get("covariance"))
     effects = _effects(content.get("effects", []))
     material = Material(law, checked_values(law, values), density, keys, covariance, effects)
+    check_moduli(law, material.values)
     for key, value in follows.items():
         _check_derived(material, key, value)
     return material
@@ -265,12 +269,14 @@ def _effects(entries: Any) -> tuple[Acting, ...]:
         if unknown or not isinstance(shape, dict):
             raise ValueError(f"effect {name}: id, coefficient, std and a mapping shape are allowed")
         std = entry.get("std")
+        if std is not None and not finite(f"effect {name}: std", std) >= 0.0:
+            raise ValueError(f"effect {name}: std must not be negative, got {std}")
         found.append(
             Acting(
                 name,
                 finite(f"effect {name}: coefficient", entry.get("coefficient")),
                 {str(k): finite(f"effect {name}: {k}", v) for k, v in shape.items()},
-                None if std is None else finite(f"effect {name}: std", std),
+                None if std is None else float(std),
             )
         )
     return tuple(found)

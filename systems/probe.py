@@ -160,7 +160,8 @@ def _seen(
 def _add_recorder(
     builder: DiagramBuilder, scenario: Scenario, station: Station, source: Source
 ) -> Recorder:
-    solver, acting = scenario.solver, known(scenario.specimen.made().effects, CATALOGUE)
+    solver, made = scenario.solver, scenario.specimen.made()
+    acting = known(made.effects, made.law, CATALOGUE)
     recorder = Recorder(
         source.header,
         station.tool.body().name(),

@@ -65,7 +65,7 @@ def replay(
         ValueError: the recording is not of this scenario, or lacks poses or forces of its tool; or a
             force drives that sensors with effects have told.
     """
-    acting = known(material.effects, effects)
+    acting = known(material.effects, material.law, effects)
     wrong = [one.effect.id for one in acting if one.effect.sensor is not None]
     if drive == "force" and wrong:
         raise ValueError(

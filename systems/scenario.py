@@ -11,7 +11,7 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.sensors import CameraConfig
 
 from form_drake.laws import Law, law_named
-from form_drake.laws.values import checked_values, finite
+from form_drake.laws.values import check_moduli, checked_values, finite
 from form_drake.material import Acting, Material
 from form_drake.systems.force import SensorErrors
 from form_drake.systems.layers import change, check, inherited
@@ -72,7 +72,9 @@ class Specimen:
         if not density > 0.0:
             raise ValueError(f"density: must be positive, got {density:g}")
         acting = tuple(Acting(e.id, e.coefficient, e.shape) for e in self.effects)
-        return Material(law, checked_values(law, values), density, effects=acting)
+        made = Material(law, checked_values(law, values), density, effects=acting)
+        check_moduli(law, made.values)
+        return made
 
 
 @dataclass

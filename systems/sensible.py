@@ -3,6 +3,10 @@
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from form_drake.effects import CATALOGUE
+from form_drake.effects.acting import known, placed
 from form_drake.laws import Law, law_named
 from form_drake.laws.values import ENGINEERING, has_lame
 from form_drake.motion.body import CONDITIONS, FACES
@@ -49,6 +53,10 @@ def sensible(scenario: "Scenario") -> None:
         if not 0 <= value < math.inf:
             raise ValueError(f"{name}: must not be negative, got {value}")
     _declared(specimen)
+    try:
+        _acting(specimen)
+    except ValueError as error:
+        raise ValueError(f"specimen.effects: {error}") from None
     # read from a file, parts are changed after they were made
     checked = {
         "panda": scenario.panda,
@@ -64,6 +72,13 @@ def sensible(scenario: "Scenario") -> None:
     for name, camera in scenario.cameras.items():
         if not (camera.rgb or camera.depth):
             raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
+
+
+def _acting(specimen: "Specimen") -> None:
+    """Refuse effects that no file can state, and those outside of the body."""
+    acting = known(specimen.effects, law_named(specimen.law), CATALOGUE)
+    middle, half = np.array(specimen.p_WM), 0.5 * np.array(specimen.size)
+    placed(acting, middle - half, middle + half)
 
 
 def _declared(specimen: "Specimen") -> None:

@@ -12,7 +12,8 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.effects import CATALOGUE, Effect, World
-from form_drake.effects.acting import changed, known
+from form_drake.effects.acting import changed, known, placed
+from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
@@ -139,8 +140,8 @@ def acted(
     """Parts of bodies by material, what else a ``Scene`` needs, and the friction of frictionless tools.
 
     Raises:
-        ValueError: effects of one body among several, an unknown one, or one that a station cannot
-            show.
+        ValueError: effects of one body among several, one that a file cannot state, that lies outside
+            of the body, or that a station cannot show.
     """
     if not any(m.effects for m in materials):
         return list(zip(materials, bodies, strict=True)), {"gravity": gravity}, 0.0
@@ -150,7 +151,9 @@ def acted(
     if material.density is None:
         raise ValueError(f"a material of law {material.law.name} states no density")
     plain = World(material.law, material.values, material.density, np.asarray(gravity))
-    world = changed(plain, known(material.effects, effects))
+    acting = known(material.effects, material.law, effects)
+    placed(acting, (body.x - body.half).min(axis=0), (body.x + body.half).max(axis=0))
+    world = changed(plain, acting)
     if world.adhesion or world.slipping or world.slippery:
         raise ValueError(
             "adhesion and floor-slip act at faces of a block that plates hold, as predict simulates"
@@ -233,8 +236,8 @@ def AddMaterial(
 
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
-            period, another system already feeds its applied_spatial_force port, or a stated shape,
-            contact or region does not fit.
+            period, another system already feeds its applied_spatial_force port, a stated shape,
+            contact or region does not fit, or a modulus of a material is not positive.
     """
     if not plant.is_finalized():
         raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
@@ -263,6 +266,8 @@ def AddMaterial(
             f"{len(materials)} materials, {len(shapes)} shapes, {len(poses)} poses: one of each for"
             " every body"
         )
+    for one in materials:
+        check_moduli(one.law, one.values)
     edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
     dx = float(min(edges)) / 6.0 if dx is None else dx
     apart = dx / _counts(per_cell)

@@ -281,7 +281,7 @@ def test_check_reads_the_effects_of_a_material(capsys, here):
     "values, message",
     [
         ("mu: 1.0e-320, lam: 1.0e+308", "parameters.E.value is not finite"),
-        ("mu: 3.0, lam: -3.0", "no E, nu, K follow from these parameters"),
+        ("mu: 3.0, lam: -3.0", "bulk modulus -1 Pa: must be positive, change mu, lam"),
     ],
 )
 def test_values_without_modulus_are_refused(capsys, here, options, values, message):

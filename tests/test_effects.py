@@ -18,6 +18,7 @@ from form_drake.diagnose.prepare import probe
 from form_drake.diagnose.score import scored
 from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World
+from form_drake.effects.acting import known, placed
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
 from form_drake.material import Acting, Material
@@ -401,3 +402,64 @@ def test_a_delay_is_one_however_fast_the_force_goes():
 def test_a_shape_of_one_value_cannot_be_sought():
     with pytest.raises(ValueError, match="shape n wants two values or more"):
         replace(CATALOGUE["rate-dependence"], shapes={"n": (0.5,)})
+
+
+@pytest.mark.parametrize(
+    "name, size, changes, told",
+    [
+        (
+            "tool-friction",
+            -0.01,
+            {},
+            "tool-friction: coefficient -0.01 is given, one above 0 is want",
+        ),
+        ("density", -2.0, {}, "coefficient -2 is given, one above -1 is wanted"),
+        ("eigenstrain", -1.0, {}, "coefficient -1 is given, one above -1 is wanted"),
+        ("yield", 1.5, {}, "coefficient 1.5 is given, one above 0 and at most 1 is wanted"),
+        ("relaxation", 0.5, {"time": 0.0}, "relaxation: time must be positive, got 0"),
+        ("hardening", 0.5, {"growth": -1.5}, "hardening: growth must be positive, got -1.5"),
+        ("inclusion", 2.0, {"radius": -1e-3}, "inclusion: radius must be positive, got -0.001"),
+    ],
+)
+def test_sizes_and_shapes_that_cannot_be_are_refused(name, size, changes, told):
+    with pytest.raises(ValueError, match=told):
+        known([Acting(name, size, {**TRIED[name][1], **changes})], SOFT.law, CATALOGUE)
+
+
+def test_what_is_tried_can_be_stated():
+    for name, (size, shape) in TRIED.items():
+        (one,) = known([Acting(name, size, shape)], SOFT.law, CATALOGUE)
+        assert (one.effect, one.coefficient) == (CATALOGUE[name], size)
+
+
+def test_an_effect_that_the_law_has_is_refused():
+    with pytest.raises(ValueError, match="stiffening does not fit law yeoh, which has it already"):
+        known([Acting("stiffening", 100.0)], LAWS["yeoh"], CATALOGUE)
+
+
+def test_shares_of_the_stress_add_up_to_all_of_it_at_most():
+    both = [Acting("relaxation", 0.8, {"time": 0.1}), Acting("yield", 0.8, {"strain": 0.01})]
+    with pytest.raises(ValueError, match="effects relaxation, yield: together they take more"):
+        known(both, SOFT.law, CATALOGUE)
+    causes = [Cause(CATALOGUE[one.id], one.coefficient, one.shape) for one in both]
+    causes.append(Cause(CATALOGUE["drag"], 20.0, {}))
+    model = Model(SOFT.law, SOFT.values, tuple(causes)).whole
+    assert [c.coefficient for c in model.causes] == [0.5, 0.5, 20.0]
+    assert len(known(model.material(1000.0).effects, SOFT.law, CATALOGUE)) == 3
+
+
+def test_a_ball_outside_of_the_body_is_refused():
+    far = {"x": 0.0, "y": 0.0, "z": 10.0, "radius": 5.0}
+    away, near = (
+        known([Acting("inclusion", 2.0, s)], SOFT.law, CATALOGUE) for s in (far, {**far, "z": 5.0})
+    )
+    with pytest.raises(ValueError, match=r"inclusion: a ball of 5 m .* lies outside of the body"):
+        placed(away, LOW, LOW + SIZE)
+    placed(near, LOW, LOW + SIZE)
+
+
+def test_a_body_that_gives_way_is_not_simulated():
+    with pytest.raises(
+        ValueError, match=r"bulk modulus -6666[.]67 Pa: must be positive, change mu, lam"
+    ):
+        Stage(recording(), DX).world(SOFT.changed({"lam": -20e3}))

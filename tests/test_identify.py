@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from form_drake import LAWS, Recording, Solver, Unidentifiable, Wall, identify
+from form_drake import LAWS, Material, Recording, Solver, Unidentifiable, Wall, identify, predict
 from form_drake.identify.start import refuse_local_minimum
 from form_drake.identify.trials import Rollouts
 from form_drake.records import States
@@ -377,3 +377,10 @@ def test_facts_stated_twice_must_agree(change, message):
     recording, _ = oracle("positions", "fixed-corotated")
     with pytest.raises(ValueError, match=message):
         replace(recording, **change)
+
+
+def test_a_body_that_gives_way_is_not_predicted():
+    recording, _ = oracle("positions", "fixed-corotated")
+    soft = Material(LAWS["fixed-corotated"], {"mu": 3.0, "lam": -3.0}, 1000.0)
+    with pytest.raises(ValueError, match="bulk modulus -1 Pa: must be positive, change mu, lam"):
+        predict(recording, soft)

@@ -17,12 +17,12 @@ import warp as wp
 
 from form_drake.commands.inspect import List
 from form_drake.identify.columns import Columns
-from form_drake.laws import LAWS, Constant, Term, law_named, load
+from form_drake.laws import KAPPA, LAWS, Constant, Term, law_named, load
 from form_drake.laws.elastic import GENT, MOONEY_RIVLIN, YEOH, first_invariant, linear_volume
 from form_drake.laws.flow import BINGHAM, granular_pressure, viscous
 from form_drake.laws.kernels import types, update
 from form_drake.laws.values import checked_values
-from form_drake.material import Material, read_material
+from form_drake.material import Material, derived, read_material
 from form_drake.mpm.simulation import Body, Simulation, State
 from form_drake.records.solver import GRADIENTS, Solver, Wall
 
@@ -603,6 +603,13 @@ HEAD = """from form_drake.laws import KAPPA, LAWS, Constant, Law, Term
 def made(name="own", parameters=(KAPPA,), moduli=lambda v: (v["kappa"], 0.0), **more):
     return Law(name=name, parameters=parameters, moduli=moduli, equation="", **more)
 """
+RESPONSE = """from typing import Any
+import warp as wp
+@wp.func
+def own_response({}):
+    return {}
+law = made(parameters=(Term("A", "Pa", own_response), KAPPA))
+"""
 WRONG_FILES = {
     "syntax": ("law = (", r"own.py, line 4: '\(' was never closed"),
     "failing": ("1 / 0", "own.py, line 4: ZeroDivisionError: division by zero"),
@@ -626,6 +633,28 @@ WRONG_FILES = {
         "a law with a viscosity must state it",
     ),
     "binary": ("\0", "own.py"),
+    "rotation": (
+        RESPONSE.format("q: Any, s: Any", "q.R"),
+        r"read q.R: state needs=frozenset\(\['rotation'",
+    ),
+    "strain": (
+        RESPONSE.format("q: Any, s: Any", "q.e"),
+        r"read q.e: state needs=frozenset\(\['strain'",
+    ),
+    "rate": (
+        RESPONSE.format("q: Any, s: Any", "q.L"),
+        r"read q.L: state needs=frozenset\(\['rate'",
+    ),
+    "pressure": (RESPONSE.format("q: Any, s: Any", "q.p * q.F"), "read q.p: state a pressure"),
+    "scalar": (
+        RESPONSE.format("q: Any, s: Any", "q.J"),
+        "to a matrix of 3 by 3, cannot be built: .*types",
+    ),
+    "argument": (RESPONSE.format("q: Any", "q.F"), r"each from \(q, s\) to .*for 'own_response'"),
+    "endless": (
+        RESPONSE.format("q: Any, s: Any", "q.F / (q.J - type(q.J)(1.0))"),
+        "not finite at rest",
+    ),
 }
 
 
@@ -657,3 +686,37 @@ def test_names_of_own_laws(tmp_path):
     assert law_named("other")
     with pytest.raises(ValueError, match="unknown law 'mine'"):
         law_named("mine")
+
+
+def test_a_law_that_reads_pressure_reads_it_in_a_sum(tmp_path):
+    text = """import warp as wp
+from typing import Any
+@wp.func
+def friction(q: Any, s: Any):
+    return q.p * wp.identity(n=3, dtype=q.F.dtype)
+@wp.func
+def squeeze(J: Any):
+    return wp.max(type(J)(1.0) - J, type(J)(0.0))
+law = made("dusty", parameters=(Term("m", "-", friction, guess=(0.1,)), KAPPA), pressure=squeeze)
+"""
+    (tmp_path / "own.py").write_text(HEAD + text)
+    (law,) = load(tmp_path / "own.py")
+    values, F = {"m": 5.0, "kappa": 1e4}, np.diag([0.9, 0.9, 0.9])[None]
+    L = np.zeros_like(F)
+    alone = ended(law, values, F, L)[1]
+    (J,) = np.linalg.det(F)
+    assert alone[0] == pytest.approx((5e4 * (1 - J) - 1e4 * J * (1 - J)) * np.eye(3))
+    total = ended(law_named("damping+dusty"), values | {"eta": 3.0}, F, L)[1]
+    assert total == pytest.approx(alone)
+
+
+def test_names_of_own_parameters_mean_nothing_to_the_package():
+    shape = Constant("alpha", "-", "shape", guess=(2.0,))
+    own = replace(GENT, name="own", parameters=(GENT.parameter("mu"), shape, KAPPA))
+    values = {"mu": 1e3, "alpha": 2.0, "kappa": 1e5}
+    assert checked_values(own, values) == values
+    assert list(derived(own)) == ["E", "nu"]
+    sand = law_named("drucker-prager+damping")
+    assert {"E", "nu", "K", "friction_angle"} == set(derived(sand))
+    with pytest.raises(ValueError, match="alpha: must be below sqrt"):
+        checked_values(sand, {"alpha": 0.9})

@@ -161,6 +161,11 @@ def test_effects_of_ones_own_may_act():
         ("{id: sag, coefficient: 1.0}", "effect 'sag': choose from"),
         ("{id: adhesion, coefficient: 100.0}", "state the contact of the tools"),
         ("{id: relaxation, coefficient: 0.1}", "shape .* is given, .*time.* is wanted"),
+        ("{id: drag, coefficient: -5.0}", "effects: effect drag: coefficient -5 is given"),
+        (
+            "{id: inclusion, coefficient: 1.0, shape: {x: 0.5, y: 0.0, z: 1.0, radius: 0.01}}",
+            "effects: effect inclusion: a ball of 0.01 m .* lies outside of the body",
+        ),
         ("{id: drag, size: 1.0}", r"no specimen.effects\[0\].size; allowed there are id, coeff"),
         ("{id: drag, coefficient: .nan}", r"coefficient: a finite number is wanted, got 'nan'"),
         ("{id: drag, coefficient: much}", r"coefficient: a number is wanted, got 'much'"),
@@ -204,3 +209,14 @@ def test_effects_act_on_one_body_alone():
     poses = [RigidTransform([0.0, 0.0, z]) for z in (0.0, 0.1)]
     with pytest.raises(ValueError, match="one body alone, here are 2"):
         AddMaterial(builder, plant, scene_graph, [material] * 2, shapes, poses)
+
+
+def test_a_body_that_gives_way_is_not_simulated():
+    values = {"mu": 1e4, "lam": -1e4}
+    soft = replace(acting().specimen.made(), values=values)
+    with pytest.raises(ValueError, match=r"bulk modulus -3333.33 Pa: must be positive"):
+        make_station(acting(), material=soft)
+    with pytest.raises(ValueError, match=r"bulk modulus -3333.33 Pa: must be positive"):
+        acting(
+            changes=(f"specimen.material={yaml.safe_dump({**values, 'density': 1e3})}",)
+        ).specimen.made()

@@ -12,6 +12,7 @@ from form_drake.diagnose import Model, diagnosed, thresholds
 from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import CATALOGUE, load
+from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder
 from form_drake.identify.stated import of_one_material
 from form_drake.laws import law_named
@@ -75,6 +76,9 @@ class Diagnose:
         _check(pairs)
         of_one_material((*recordings, *holdout), start.law.name if start else None)
         _check_stated(pairs, len(recordings), self.dx)
+        if start is not None:
+            shape = body(recordings[0])
+            placed(start.causes, shape.low, shape.high)
         law = start.law if start else law_named(self._law(recordings[0]))
         limits = thresholds()
         found = diagnosed(

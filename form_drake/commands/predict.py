@@ -12,9 +12,11 @@ from tqdm import tqdm
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
 from form_drake.effects import CATALOGUE, Effect, load
+from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
+from form_drake.motion import body
 from form_drake.mpm.bodies import rigid_velocity
 from form_drake.mpm.prediction import predict, require_alone
 from form_drake.records import Recording, read, write_recording
@@ -125,6 +127,8 @@ class Predict:
         self, material: Material, recording: Recording
     ) -> tuple[Recording, dict[str, Any], str]:
         model = Model.of(material, self._catalogue)
+        shape = body(recording)
+        placed(model.causes, shape.low, shape.high)
         (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
         apart = predicted.p_WQ - recording.p_WQ
         errors = {"shape_rms": float(np.sqrt(np.nanmean(np.sum(apart**2, axis=2))))}

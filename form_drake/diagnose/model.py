@@ -110,11 +110,10 @@ class Model:
         """Of a material's file, with a catalogue of effects by id.
 
         Raises:
-            ValueError: an effect that the catalogue does not have, or shape parameters that are
-                not its own.
+            ValueError: see ``form_drake.effects.acting.known``.
         """
         stds = [one.std or 0.0 for one in material.effects]
-        acting = zip(known(material.effects, effects), stds, strict=True)
+        acting = zip(known(material.effects, material.law, effects), stds, strict=True)
         causes = (Cause(one.effect, one.coefficient, one.shape, std) for one, std in acting)
         return cls(material.law, material.values, tuple(causes))
 
@@ -138,6 +137,18 @@ class Model:
         pairs = zip(self.causes, same, strict=True)
         more = (replace(c, coefficient=c.coefficient + size) if s else c for c, s in pairs)
         return replace(self, causes=tuple(more))
+
+    @property
+    def whole(self) -> "Model":
+        """With shares of the stress that add up to one at most."""
+        total = sum(c.coefficient for c in self.causes if c.effect.share)
+        if total <= 1.0:
+            return self
+        every = (
+            replace(c, coefficient=c.coefficient / total) if c.effect.share else c
+            for c in self.causes
+        )
+        return replace(self, causes=tuple(every))
 
     def without(self, cause: Cause) -> "Model":
         """With all other causes."""

@@ -93,8 +93,7 @@ def ranked(match: Projected, effect: Effect, tried: Sequence[Shape]) -> list[Sco
     length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
     unit = columns / length
     wanted = unit.T @ match.left
-    least = effect.least if effect.signed else 0.0
-    taken = np.clip(wanted, least * length, effect.most * length)
+    taken = np.clip(wanted, effect.lower * length, effect.most * length)
     gain = taken * (2.0 * wanted - taken) - 2.0 * np.log(len(tried))
     every = [
         Score(effect, shape, float(c), float(std), max(float(g), 0.0), DETECTED * float(std), u)

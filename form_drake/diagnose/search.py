@@ -104,7 +104,7 @@ class Search(Generic[M]):
         own, *causes = np.split(change, self.match.parts)
         model = self.match.model
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
-        return replace(model, values=self.match.valued(own), causes=tuple(moved))
+        return replace(model, values=self.match.valued(own), causes=tuple(moved)).whole
 
     def stepped(self) -> "Search[M]":
         """After one more simulation."""

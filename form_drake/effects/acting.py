@@ -4,8 +4,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from form_drake.effects.effect import Effect, Shape
+import numpy as np
+
+from form_drake.effects.effect import Effect, Shape, ball
 from form_drake.effects.world import World
+from form_drake.laws import Law
+
+WHOLE = 1.0 + 1e-9  # the stress, of which effects take shares, with what adding up rounds
 
 
 class Told(Protocol):
@@ -36,25 +41,51 @@ class Known:
     shape: Shape
 
 
-def known(told: Iterable[Told], effects: Mapping[str, Effect]) -> tuple[Known, ...]:
-    """Effects that a file tells, in a catalogue by id.
+def known(told: Iterable[Told], law: Law, effects: Mapping[str, Effect]) -> tuple[Known, ...]:
+    """Effects that a file tells beside a law, in a catalogue by id.
 
     Raises:
-        ValueError: an effect that the catalogue does not have, or shape parameters that are not its
-            own.
+        ValueError: an effect that the catalogue does not have, that does not fit the law, or whose
+            coefficient or shape there cannot be.
     """
     found = []
     for one in told:
         if one.id not in effects:
             raise ValueError(f"effect {one.id!r}: choose from {', '.join(effects)}")
         effect = effects[one.id]
-        if set(one.shape) != set(effect.shapes):
+        effect.check(one.coefficient, one.shape)
+        if not effect.fits(law):
             raise ValueError(
-                f"effect {one.id}: shape {sorted(one.shape)} is given,"
-                f" {sorted(effect.shapes) or 'none'} is wanted"
+                f"effect {one.id} does not fit law {law.name}, which has it already or is of another kind"
             )
         found.append(Known(effect, one.coefficient, one.shape))
+    shares = [one for one in found if one.effect.share]
+    if sum(one.coefficient for one in shares) > WHOLE:
+        raise ValueError(
+            f"effects {', '.join(one.effect.id for one in shares)}: together they take more than all of the stress; their"
+            " coefficients must add up to one at most"
+        )
     return tuple(found)
+
+
+def placed(acting: Iterable[Known], low: np.ndarray, high: np.ndarray) -> None:
+    """Refuse places that lie outside of a body.
+
+    Args:
+        acting: effects with their sizes.
+        low: corner of the box about the body when free of stress [m], shape [3].
+        high: the opposite corner.
+
+    Raises:
+        ValueError: the ball of one reaches nowhere into the box.
+    """
+    for one in acting:
+        if "radius" in one.effect.shapes and not ball(one.shape).meets(low, high):
+            raise ValueError(
+                f"effect {one.effect.id}: a ball of {one.shape['radius']:g} m about"
+                f" {[one.shape[axis] for axis in 'xyz']} m lies outside of the body, which reaches from"
+                f" {np.round(low, 6).tolist()} to {np.round(high, 6).tolist()}"
+            )
 
 
 def changed(world: World, acting: Iterable[Known]) -> World:

@@ -124,11 +124,13 @@ class Effect:
         shown: motions that show it.
         shapes: values of the shape parameters among which it is sought, by name; they are refined
             from the best. None for those of a place, which is sought in the body: x, y, z, radius.
+            A radius is positive, and what has positive values alone.
         parts: shapes -> shapes, and the shares in which columns of these add up to those of the former, shape
             [these, shapes]; None: each stands for itself.
         signed: whether the coefficient may be negative.
         least: coefficient that every one is above; of a signed effect, else it is zero.
         most: largest coefficient that there can be.
+        share: whether the coefficient is a share of the stress: all of them add up to one at most.
         trial: coefficient with which an effect is simulated that has no column, or has one that is
             sharper than tracks are read.
         faces: conditions of faces that it needs one of; empty: none.
@@ -150,6 +152,7 @@ class Effect:
     signed: bool = True
     least: float = -np.inf
     most: float = np.inf
+    share: bool = False
     trial: float = 0.0
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
@@ -174,10 +177,35 @@ class Effect:
         """
         return self.column is None
 
+    @property
+    def lower(self) -> float:
+        """What every coefficient is above."""
+        return self.least if self.signed else 0.0
+
+    def check(self, size: float, shape: Shape) -> None:
+        """Refuse what nobody can state of it; searches may pass through that.
+
+        Raises:
+            ValueError: shape parameters are not its own, or one or the coefficient is out of bounds.
+        """
+        if set(shape) != set(self.shapes):
+            raise ValueError(
+                f"effect {self.id}: shape {sorted(shape)} is given,"
+                f" {sorted(self.shapes) or 'none'} is wanted"
+            )
+        if size != 0.0 and not self.lower < size <= self.most:
+            most = f" and at most {self.most:g}" if self.most < np.inf else ""
+            raise ValueError(
+                f"effect {self.id}: coefficient {size:g} is given, one above {self.lower:g}{most} is"
+                " wanted"
+            )
+        for key, value in shape.items():
+            if self.positive(key) and not value > 0.0:
+                raise ValueError(f"effect {self.id}: {key} must be positive, got {value:g}")
+
     def bounded(self, size: float, now: float = 0.0) -> float:
         """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""
-        least = self.least if self.signed else 0.0
-        return min(size, self.most) if size > least else 0.5 * (now + least)
+        return min(size, self.most) if size > self.lower else 0.5 * (now + self.lower)
 
     def grid(self) -> list[dict[str, float]]:
         """All combinations of the shape parameters."""

@@ -122,6 +122,7 @@ def _remembering(made: Callable[[float, Shape], Memory], **more: Any) -> Effect:
         prior=(0.003, 1.0),
         signed=False,
         most=1.0,
+        share=True,
         fits=_elastic,
         **more,
     )
@@ -169,6 +170,7 @@ EIGENSTRAIN = Effect(
     column=_swelling_column,
     world=lambda scene, size, shape: replace(scene, swelling=scene.swelling + size),
     shown=("press", "a look at the bonded edge"),
+    least=-1.0,
 )
 
 

@@ -27,6 +27,11 @@ class Ball:
         apart = np.linalg.norm(X - self.centre, axis=1) / self.radius
         return np.clip((1.0 + 0.5 * EDGE - apart) / EDGE, 0.0, 1.0)
 
+    def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether it reaches into a box, of which two corners are given [m], shape [3]."""
+        apart = self.centre - np.clip(self.centre, low, high)
+        return bool(np.linalg.norm(apart) < (1.0 + 0.5 * EDGE) * self.radius)
+
     def spread(self, X: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """Shares of what is spread in it evenly, whose sum is one, shape [points].
 

@@ -73,6 +73,12 @@ FLOWING = "let it flow at several rates"
 FRICTION = "record several inclinations or inertial numbers"
 TOLD = "state its value"  # of a constant that no motion determines
 
+
+def repose_angle(mu_s: float) -> float:
+    """Static friction angle [rad] of the mu(I) law."""
+    return float(np.arctan(mu_s))
+
+
 ETA = Term("eta", "Pa s", viscous, guess=(1e-4, 1e-2), excited=FLOWING)
 GIVEN_KAPPA = Term("kappa", "Pa", linear_volume, guess=(1.0,), given=True, excited=SQUEEZED)
 
@@ -104,7 +110,14 @@ BINGHAM = Law(
 MU_I = Law(
     name="mu-i",
     parameters=(
-        Term("mu_s", "-", static_friction, guess=(0.4,), excited=FRICTION),
+        Term(
+            "mu_s",
+            "-",
+            static_friction,
+            guess=(0.4,),
+            excited=FRICTION,
+            tells=("friction_angle", "rad", repose_angle),
+        ),
         Term("delta_mu", "-", inertial_friction, guess=(0.3,), excited=FRICTION),
         Constant("I_0", "-", "shape", guess=(0.3,), excited=FRICTION),
         Term("kappa", "Pa", logarithmic_volume, given=True, excited=TOLD),
@@ -126,8 +139,3 @@ WEAKLY_COMPRESSIBLE = Law(
     equation="lam J (J - 1) I",
     flow="fluid",
 )
-
-
-def repose_angle(mu_s: float) -> float:
-    """Static friction angle [rad] of the mu(I) law."""
-    return float(np.arctan(mu_s))

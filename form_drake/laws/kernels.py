@@ -17,6 +17,7 @@ from form_drake.laws.tensor import (
     rotation,
 )
 
+READ = {"rotation": "R", "strain": "e", "rate": "L"}  # of a point, by ``Law.needs``
 PRECISIONS = {"float32": wp.float32, "float64": wp.float64}
 
 
@@ -45,23 +46,20 @@ def types(precision: str) -> Types:
 
 
 @cache
-def point_type(precision: str):
-    """The struct that a response reads.
+def point_type(members: frozenset[str], precision: str):
+    """The struct that responses read: F, J and what else the law says that they need.
 
-    F deformation gradient, L velocity gradient [1/s], R rotation of F, e Hencky strain,
-    J = det F, p pressure [Pa].
+    Without the others a response that reads more than it says is an error, and no wrong stress.
     """
     t = types(precision)
+    every = {"F": t.mat, "J": t.real, "p": t.real, "R": t.mat, "e": t.mat, "L": t.mat}
+    held = {name: of for name, of in every.items() if name in {"F", "J"} | members}
+    return wp.struct(type("Point", (), {"__annotations__": held}))
 
-    class Point:
-        F: t.mat
-        L: t.mat
-        R: t.mat
-        e: t.mat
-        J: t.real
-        p: t.real
 
-    return wp.struct(Point)
+def members(law: Law) -> frozenset[str]:
+    """What the responses of a law may read of a point beside F and J, see ``READ``."""
+    return frozenset(READ[need] for need in law.needs) | ({"p"} if law.pressure else set())
 
 
 @wp.func
@@ -76,20 +74,30 @@ def _no_pressure(J: Any):
 
 @cache
 def point(law: Law, decomposition: str, precision: str):
-    """Warp function (F, e, L, kappa) -> Point with what the law's responses read."""
-    t, Point = types(precision), point_type(precision)
-    rotate = rotation(decomposition, precision) if "rotation" in law.needs else _nothing
+    """Warp function (F, e, L, kappa) -> Point with what the law's responses read.
+
+    F deformation gradient, J its determinant; R rotation of F, e Hencky strain, L velocity gradient
+    [1/s], p pressure [Pa] where they are read.
+    """
+    own = members(law)
+    t, Point = types(precision), point_type(own, precision)
+    turned, strained, moving, pressed = (name in own for name in "ReLp")
+    rotate = rotation(decomposition, precision)
     pressure = law.pressure or _no_pressure
 
     @wp.func
     def make(F: t.mat, e: t.mat, L: t.mat, kappa: t.real):
         q = Point()
         q.F = F
-        q.L = L
         q.J = wp.determinant(F)
-        q.R = rotate(F)
-        q.e = e
-        q.p = kappa * pressure(q.J)
+        if turned:
+            q.R = rotate(F)
+        if strained:
+            q.e = e
+        if moving:
+            q.L = L
+        if pressed:
+            q.p = kappa * pressure(q.J)
         return q
 
     return make
@@ -115,6 +123,7 @@ def responses(law: Law, decomposition: str, precision: str):
     t, make = types(precision), point(law, decomposition, precision)
     measure = strain(law, decomposition, precision)
     one = picked(tuple(term.response for term in law.terms))
+    pressed = law.pressure is not None
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -127,8 +136,9 @@ def responses(law: Law, decomposition: str, precision: str):
     ):
         i = wp.tid()
         q = make(F[i], measure(F[i]), L[i], kappa)
-        if p.shape[0] > 0:
-            q.p = p[i]
+        if pressed:
+            if p.shape[0] > 0:
+                q.p = p[i]
         for k in range(out.shape[0]):
             out[k, i] = one(q, s, k)
 

@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 Values = Mapping[str, float]
+Told = tuple[str, str, Callable[[float], float]]
 
 
 def nothing(_: Values) -> float:
@@ -37,6 +38,7 @@ class Term:
         given: the parameter is a numerical constant that identification may be told.
         signed: the parameter may be negative; every other one must be positive.
         excited: what to do with the body so that its motion determines the parameter, a phrase.
+        tells: what follows from it alone: name, unit and value -> value, such as a friction angle.
     """
 
     key: str
@@ -46,6 +48,7 @@ class Term:
     given: bool = False
     signed: bool = False
     excited: str = "strain the body more"
+    tells: Told | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ class Constant:
         guess: first guesses, as for a term.
         excited: as for a term.
         signed: as for a term.
+        tells: as for a term.
+        limit: what every value is below, and what that is, a phrase.
     """
 
     key: str
@@ -68,6 +73,8 @@ class Constant:
     guess: tuple[float, ...] = (1.0,)
     excited: str = "strain the body more"
     signed: bool = False
+    tells: Told | None = None
+    limit: tuple[float, str] | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from form_drake.laws.additions import ADDITIONS
+from form_drake.laws.kernels import READ, responses, types
 from form_drake.laws.law import Law, nothing
 from form_drake.laws.named import LAWS, OWN
 
@@ -116,4 +117,35 @@ def _fault(law: Law) -> str | None:
             return f"moduli gives {K} and {G} at the first guesses"
     except Exception as error:
         return f"moduli fails at the first guesses: {type(error).__name__}: {error}"
+    return _unbuilt(law)
+
+
+def _unbuilt(law: Law) -> str | None:
+    """What is wrong with the responses, as Warp finds it."""
+    try:
+        rest = _at_rest(law)
+    except Exception as error:
+        said = str(error).strip().splitlines()[-1].lstrip(";")
+        needs = {member: need for need, member in READ.items()}
+        read = re.search(r"`(\w+)` is not an attribute of .*[.]Point[)]", said)
+        if read and read[1] in needs:
+            wanted = sorted({*law.needs, needs[read[1]]})
+            return f"its responses read q.{read[1]}: state needs=frozenset({wanted})"
+        if read and read[1] == "p":
+            return "its responses read q.p: state a pressure, as Law says, and a term kappa"
+        return f"its responses, each from (q, s) to a matrix of 3 by 3, cannot be built: {said}"
+    if not np.isfinite(rest).all():
+        return "its responses are not finite at rest and at the first guesses"
     return None
+
+
+def _at_rest(law: Law) -> np.ndarray:
+    """Kirchhoff stresses per unit of each term where nothing is deformed, shape [terms, 1, 3, 3]."""
+    t, guesses = types("float64"), {p.key: p.guess[0] for p in law.parameters}
+    F, L = (wp.array(a[None], dtype=t.mat, device="cpu") for a in (np.eye(3), np.zeros((3, 3))))
+    kappa, s = t.real(guesses.get("kappa", 0.0)), t.vec4(*law.shape_vector(guesses))
+    out, own = (
+        wp.zeros(n, dtype=d, device="cpu") for n, d in (((len(law.terms), 1), t.mat), (0, t.real))
+    )
+    wp.launch(responses(law, "series", "float64"), 1, [F, L, kappa, own, s, out], device="cpu")
+    return np.asarray(out.numpy())

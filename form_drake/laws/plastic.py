@@ -50,7 +50,14 @@ VON_MISES = Law(
     parameters=(
         MU,
         LAM,
-        Constant("tau_y", "Pa", "yield", guess=(0.003, 0.03, 0.3), excited=YIELDING),
+        Constant(
+            "tau_y",
+            "Pa",
+            "yield",
+            guess=(0.003, 0.03, 0.3),
+            excited=YIELDING,
+            tells=("Y", "Pa", lambda tau_y: float(np.sqrt(1.5)) * tau_y),
+        ),
     ),
     moduli=_lame,
     equation="2 mu e + lam tr(e) I, |dev tau| <= tau_y",
@@ -59,6 +66,18 @@ VON_MISES = Law(
     radius=constant_radius,
     radius_constants=lambda v: (v["tau_y"] / (2.0 * v["mu"]),),
 )
+
+
+STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
+
+
+def friction_angle(alpha: float) -> float:
+    """Friction angle [rad] of the cone alpha = sqrt(2/3) 2 sin(phi) / (3 - sin(phi)).
+
+    For every alpha: an estimate may lie outside of what can be.
+    """
+    alpha = float(np.clip(alpha, -0.5 * STEEPEST, STEEPEST))
+    return float(np.arcsin(3.0 * alpha / (2.0 * np.sqrt(2.0 / 3.0) + alpha)))
 
 
 def cone_slope(values: Values) -> tuple[float, ...]:
@@ -71,7 +90,15 @@ DRUCKER_PRAGER = Law(
     parameters=(
         MU,
         LAM,
-        Constant("alpha", "-", "yield", guess=(0.1, 0.3), excited=f"{YIELDING} under pressure"),
+        Constant(
+            "alpha",
+            "-",
+            "yield",
+            guess=(0.1, 0.3),
+            excited=f"{YIELDING} under pressure",
+            tells=("friction_angle", "rad", friction_angle),
+            limit=(STEEPEST, f"sqrt(2/3) = {STEEPEST:.4f}, a friction angle of 90 deg"),
+        ),
     ),
     moduli=_lame,
     equation="2 mu e + lam tr(e) I, |dev tau| <= -alpha tr(tau) (cone, no tension)",
@@ -80,8 +107,3 @@ DRUCKER_PRAGER = Law(
     radius=cone_radius,
     radius_constants=cone_slope,
 )
-
-
-def friction_angle(alpha: float) -> float:
-    """Friction angle [rad] of the cone alpha = sqrt(2/3) 2 sin(phi) / (3 - sin(phi))."""
-    return float(np.arcsin(3.0 * alpha / (2.0 * np.sqrt(2.0 / 3.0) + alpha)))

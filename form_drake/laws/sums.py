@@ -107,6 +107,7 @@ def added(laws: tuple[Law, ...]) -> Law:
         flow=main.law.flow,
         radius=main.law.radius,
         radius_constants=radius_constants,
+        pressure=main.law.pressure,
         viscosity=lambda v: sum(share.law.viscosity(share.own(v)) for share in shares),
         stretched=lambda v: sum(share.law.stretched(share.own(v)) for share in shares),
         summands=laws,

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.laws.law import Law, Values
+from form_drake.laws.law import Constant, Law, Values
 
 LAME = ("mu", "lam")
 ENGINEERING = ("E", "nu")
-STEEPEST = float(np.sqrt(2.0 / 3.0))  # alpha of a friction angle of 90 deg
 
 
 def has_lame(law: Law) -> bool:
@@ -71,16 +70,28 @@ def allowed_value(law: Law, key: str, value: float) -> float:
     """``value``, if the parameter may have it.
 
     Raises:
-        ValueError: it is not finite, not positive though the parameter must be, or no cone at all.
+        ValueError: it is not finite, not positive though the parameter must be, or above its limit.
     """
-    if not law.parameter(key).signed and not value > 0:
+    parameter = law.parameter(key)
+    if not parameter.signed and not value > 0:
         raise ValueError(f"{key}: must be positive, got {value}")
-    if key == "alpha" and not value < STEEPEST:
-        raise ValueError(
-            f"alpha: must be below sqrt(2/3) = {STEEPEST:.4f}, a friction angle of 90 deg, got"
-            f" {value}"
-        )
+    if isinstance(parameter, Constant) and parameter.limit and not value < parameter.limit[0]:
+        raise ValueError(f"{key}: must be below {parameter.limit[1]}, got {value}")
     return finite(key, value)
+
+
+def check_moduli(law: Law, values: Values) -> None:
+    """Refuse a body that gives way without end; an estimate may say so, nothing can be simulated.
+
+    Raises:
+        ValueError: its bulk modulus, or of a solid the shear modulus, is not positive.
+    """
+    K, G = law.moduli(values)
+    moduli = {"bulk": K} | ({"shear": G} if law.flow in ("elastic", "plastic") else {})
+    for name, modulus in moduli.items():
+        if not modulus > 0.0:
+            keys = ", ".join(t.key for t in law.terms)
+            raise ValueError(f"{name} modulus {modulus:.6g} Pa: must be positive, change {keys}")
 
 
 def finite(key: str, value: Any) -> float:
@@ -90,7 +101,7 @@ def finite(key: str, value: Any) -> float:
         ValueError: it is none.
     """
     try:
-        number = float(value) if not isinstance(value, bool) else np.nan
+        number = float(value) if not isinstance(value, bool | np.bool_) else np.nan
     except (TypeError, ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.mpm.simulation import Body, Simulation
 from form_drake.records import Recording, rest_shape
@@ -68,7 +69,7 @@ def predict(
 
     Raises:
         ValueError: the recording lacks what a rollout needs, or states what it would leave out, as the
-            material may; or no point is measured that the loss could compare.
+            material may; a modulus is not positive; or no point is measured that the loss could compare.
         BlowUp: the simulation broke down.
     """
     require_alone(material)
@@ -86,6 +87,7 @@ def predict(
     density = recording.density or material.density
     if density is None:
         raise ValueError("neither the recording nor the material states a density")
+    check_moduli(material.law, material.values)
     x = rest_shape(recording)
     body = Body(x, recording.volume, density)
     simulation = Simulation(recording.solver, material.law, body, device=device)

@@ -8,6 +8,7 @@ import numpy as np
 
 from form_drake.effects.world import World
 from form_drake.laws.memory import NEVER
+from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.motion import Body as Shape
 from form_drake.motion import Face, Motion, body
@@ -52,8 +53,10 @@ class Stage:
         """The plain scene of a material, as the recording states it.
 
         Raises:
-            ValueError: the material has effects, which change a scene once it is made.
+            ValueError: the material has effects, which change a scene once it is made, or a modulus that is
+                not positive.
         """
+        check_moduli(material.law, material.values)
         if material.effects:
             ids = ", ".join(one.id for one in material.effects)
             raise ValueError(

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.files import existing, whole
+from form_drake.files import existing, once, plain, whole
 from form_drake.laws.values import finite
 from form_drake.records.recording import VERSION, Camera, Recording, States, Stream
 from form_drake.records.solver import Solver, Wall
@@ -19,6 +19,32 @@ LARGEST_RATIO = 1100  # gzip never packs more tightly
 MOST_OBJECTS = 10_000
 DEEPEST = 8
 TEXTS = ("known", "geometry", "contact")
+NUMBERS = ("density", "mass_scale")
+ATTRIBUTES = (
+    *TEXTS,
+    *NUMBERS,
+    "noise",
+    "law",
+    "solver",
+    "source",
+    "form_drake",
+    "form_drake_recording",
+)
+PLACES = {  # units by place, * for any name
+    tuple(f.metadata["place"].split("/")): f.metadata["unit"]
+    for record in (Recording, States)
+    for f in fields(record)
+    if "place" in f.metadata
+} | {
+    (*group, name): ""
+    for group, names in (
+        (("poses", "*"), ("time", "value")),
+        (("forces", "*"), ("time", "value")),
+        (("joints",), ("time", "value")),
+        (("cameras", "*"), tuple(f.name for f in fields(Camera))),
+    )
+    for name in names
+}
 
 
 def write_recording(recording: Recording, path: Path) -> None:
@@ -33,9 +59,9 @@ def write_recording(recording: Recording, path: Path) -> None:
             if getattr(recording, name) is not None:
                 file.attrs[name] = getattr(recording, name)
         for name in TEXTS:
-            file.attrs[name] = json.dumps(dict(getattr(recording, name)))
+            file.attrs[name] = json.dumps(plain(dict(getattr(recording, name))))
         if recording.solver is not None:
-            file.attrs["solver"] = json.dumps(asdict(recording.solver))
+            file.attrs["solver"] = json.dumps(plain(asdict(recording.solver)))
         _write_arrays(file, recording)
         if recording.states is not None:
             _write_arrays(file, recording.states)
@@ -93,7 +119,7 @@ def _read(file: h5py.File) -> Recording:
     values = _read_arrays(file, Recording)
     noise = file.attrs.get("noise", "unknown")
     values["noise"] = None if _text(noise) == "unknown" else finite("noise", noise)
-    for name in ("density", "mass_scale"):
+    for name in NUMBERS:
         if name in file.attrs:
             values[name] = finite(name, file.attrs[name])
     values["law"] = _text(file.attrs["law"]) if "law" in file.attrs else None
@@ -109,6 +135,7 @@ def _read(file: h5py.File) -> Recording:
     values["forces"] = {k: _stream(g) for k, g in _groups(file, "forces")}
     values["joints"] = _stream(file["joints"]) if "joints" in file else None
     values["cameras"] = {k: _camera(g) for k, g in _groups(file, "cameras")}
+    _refuse_unknown(file)
     return Recording(**values)
 
 
@@ -141,6 +168,32 @@ def _refuse_hostile(file: h5py.File) -> None:
                 raise ValueError(f"{item.name}: more than {largest / 1e9:.1f} GB of data, not read")
 
     visit(file, 0)
+
+
+def _refuse_unknown(file: h5py.File) -> None:
+    """Refuse names and units that nobody would read: a wrong one would silently count for nothing."""
+    for name in file.attrs:
+        if name not in ATTRIBUTES:
+            raise ValueError(f"unknown attribute {name!r}: allowed are {', '.join(ATTRIBUTES)}")
+
+    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        path = tuple(name.split("/"))
+        if isinstance(item, h5py.Group):
+            return
+        if not any(_begins(place, path) for place in PLACES):
+            beside = ["/".join(p).replace("*", "NAME") for p in PLACES if p[0] == path[0]]
+            allowed = beside or sorted({p[0] for p in PLACES})
+            raise ValueError(f"unknown {name[:60]}: allowed are {', '.join(allowed)}")
+        unit = PLACES.get(path, "")
+        told = _text(item.attrs.get("unit", unit))
+        if unit and told != unit:
+            raise ValueError(f"{name}: the unit is {unit}, got {told[:60]!r}")
+
+    file.visititems(visit)
+
+
+def _begins(place: tuple[str, ...], path: tuple[str, ...]) -> bool:
+    return len(path) <= len(place) and all(a in ("*", b) for a, b in zip(place, path, strict=False))
 
 
 def _read_arrays(file: h5py.File, record: type) -> dict[str, Any]:
@@ -183,7 +236,7 @@ def _text(value: Any) -> str:
 
 def _mapping(name: str, value: Any) -> dict[str, Any]:
     try:
-        mapping = json.loads(_text(value))
+        mapping = json.loads(_text(value), object_pairs_hook=once)
     except json.JSONDecodeError:
         mapping = None
     if not isinstance(mapping, dict):
@@ -206,9 +259,9 @@ def read_solver(values: Mapping[str, Any]) -> Solver:
         raise ValueError(f"solver: {' and '.join(missing)} must be stated")
     try:
         settings = dict(values)
-        settings["nodes"] = tuple(int(n) for n in settings["nodes"])
+        settings["nodes"] = tuple(settings["nodes"])
         settings["walls"] = tuple(Wall(**w) for w in settings.get("walls", ()))
-        settings["gravity"] = tuple(float(g) for g in settings.get("gravity", (0.0, 0.0, -9.81)))
+        settings["gravity"] = tuple(settings.get("gravity", (0.0, 0.0, -9.81)))
         return Solver(**settings)
     except (TypeError, KeyError, OverflowError) as error:
         raise ValueError(f"solver: {error}") from None
@@ -234,10 +287,5 @@ def _stream(group: h5py.Group) -> Stream:
 
 def _camera(group: h5py.Group) -> Camera:
     K, X_WC, distortion, size = _members(group, "K", "X_WC", "distortion", "size")
-    if [a.shape for a in (K, X_WC, distortion, size)] != [(3, 3), (4, 4), (5,), (2,)]:
-        raise ValueError(
-            f"{group.name}: K [3, 3], X_WC [4, 4], distortion [5] and size [2] are wanted"
-        )
-    if not all(np.isfinite(a).all() for a in (K, X_WC, distortion, size)):
-        raise ValueError(f"{group.name}: values must be finite")
-    return Camera(K, X_WC, distortion, (int(size[0]), int(size[1])))
+    whole_size: Any = tuple(int(n) if n.is_integer() else n for n in size.ravel().tolist())
+    return Camera(K, X_WC, distortion, whole_size)

@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.records.checks import check_arrays, check_consistency, check_stream
+from form_drake.records.checks import (
+    check_arrays,
+    check_camera,
+    check_consistency,
+    check_rigid,
+    check_statements,
+    check_stream,
+)
 from form_drake.records.solver import Solver
 
 VERSION = 1
@@ -66,6 +73,10 @@ class Stream:
     time: np.ndarray
     value: np.ndarray
     noise: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("time", "value"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -155,6 +166,7 @@ class Recording:
     source: str = ""
 
     def __post_init__(self) -> None:
+        check_statements(self)
         sizes: dict[str, int] = {}
         check_arrays(self, sizes)
         if self.states is not None:
@@ -194,14 +206,15 @@ class Recording:
             raise ValueError("points/covariance: every matrix must be positive definite")
         if self.noise is not None and not 0 <= self.noise < np.inf:
             raise ValueError(f"noise: must be finite and not negative, got {self.noise}")
-        for name in [*self.poses, *self.forces, *self.cameras]:
-            if not name or "/" in name or name == ".":
-                raise ValueError(f"{name!r} names no stream or camera: it must hold no slash")
-        for streams, shape in ((self.poses, (4, 4)), (self.forces, (3,))):
-            for name, stream in streams.items():
-                check_stream(name, stream, shape)
+        for name, stream in self.poses.items():
+            check_stream(name, stream, (4, 4))
+            check_rigid(f"poses/{name}", stream.value)
+        for name, stream in self.forces.items():
+            check_stream(name, stream, (3,))
         if self.joints is not None:
-            check_stream("joints", self.joints, self.joints.value.shape[1:])
+            check_stream("joints", self.joints, ("joints",))
+        for name, camera in self.cameras.items():
+            check_camera(name, camera)
         check_consistency(self)
 
     @classmethod

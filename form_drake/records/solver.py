@@ -13,7 +13,11 @@ WALL_KINDS = ("separate", "slip", "stick")
 
 
 def _finite(*values: object) -> bool:
-    return all(isinstance(v, Real) and math.isfinite(v) for v in values)
+    return all(isinstance(v, Real) and not isinstance(v, bool) and math.isfinite(v) for v in values)
+
+
+def _whole(*values: object) -> bool:
+    return all(isinstance(v, Integral) and not isinstance(v, bool) for v in values)
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,8 @@ class Wall:
     kind: WallKind = "separate"
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.axis, Integral) and isinstance(self.side, Integral)
-        if not whole or self.axis not in (0, 1, 2) or self.side not in (-1, 1):
+        known = self.axis in (0, 1, 2) and self.side in (-1, 1)
+        if not known or not _whole(self.axis, self.side):
             raise ValueError(
                 f"wall axis {self.axis}, side {self.side}: allowed are axes 0, 1, 2 and sides -1, 1"
             )
@@ -82,8 +86,9 @@ class Solver:
             "three components of gravity": len(self.gravity) == 3,
             "margin >= 0 or none": self.margin is None or self.margin >= 0,
             "dx > 0": self.dx > 0,
-            "three node counts, whole numbers from 4 to 2000": len(self.nodes) == 3
-            and all(isinstance(n, Integral) and 4 <= n <= 2000 for n in self.nodes),
+            "three node counts from 4 to 2000": len(self.nodes) == 3
+            and all(4 <= n <= 2000 for n in self.nodes),
+            "whole node counts": _whole(*self.nodes),
             "at most 1e8 nodes": math.prod(self.nodes) <= 1e8,
             "dt > 0 or none": self.dt is None or self.dt > 0,
             "gradient exact or mls": self.gradient in GRADIENTS,

@@ -46,7 +46,7 @@ def constants(law: Law, values: Values, theta: np.ndarray) -> list[Any]:
 def response(law: Law):
     """Warp function: stress [Pa] that a law's flow leaves of a trial F, and the elastic part of F."""
     make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
-    total = summed(tuple(term.response for term in law.terms))
+    total, pressed = summed(tuple(term.response for term in law.terms)), law.pressure is not None
 
     @wp.func
     def still(F: mat, r: vec4):
@@ -67,8 +67,9 @@ def response(law: Law):
     ):
         elastic, e = keep(F, r)
         q = make(elastic, e, L, kappa)
-        if supplied != 0:
-            q.p = p
+        if pressed:
+            if supplied != 0:
+                q.p = p
         return total(q, theta, s), elastic
 
     return function
@@ -82,7 +83,7 @@ def gathering(law: Law):
     part of F. The pressure p [Pa] is the law's own where its array is empty.
     """
     make, measure = (f(law, DECOMPOSITION, PRECISION) for f in (point, strain))
-    one = picked(tuple(term.response for term in law.terms))
+    one, pressed = picked(tuple(term.response for term in law.terms)), law.pressure is not None
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(
@@ -101,8 +102,9 @@ def gathering(law: Law):
         i = begin + wp.tid()
         for n in range(F.shape[0]):
             q = make(elastic[n, i], measure(elastic[n, i]), L[n, i], kappa)
-            if p.shape[0] > 0:
-                q.p = p[n, i]
+            if pressed:
+                if p.shape[0] > 0:
+                    q.p = p[n, i]
             along = volume[i] * wp.transpose(wp.inverse(F[n, i]))
             for k in range(out.shape[0]):
                 met = one(q, s, k) * along
