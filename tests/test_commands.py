@@ -198,7 +198,7 @@ high: [0.01, 0.01, 0.02]
 face: z+
 cameras:
   left: {CAMERA}
-  right: {CAMERA}
+  right: {CAMERA.replace("[[1, 0, 0, 0]", "[[1, 0, 0, 0.05]")}
 """
 
 
