@@ -46,6 +46,18 @@ def test_rays_go_through_the_points_that_are_seen():
     assert np.linalg.norm(np.cross(d, along), axis=1) == pytest.approx(0.0, abs=1e-10)
 
 
+@pytest.mark.parametrize("radial", [0.3, -0.3])
+def test_rays_are_those_of_a_strong_lens_or_none(radial):
+    """A wide picture: at its corners repeated substitution would miss by up to hundreds of pixels."""
+    one = looking(np.zeros(3), np.array([0, 0, 1.0]), 600.0, (1280, 960), (radial, 0.1, 1e-3, 0, 0))
+    x, y = np.meshgrid(np.linspace(0, 1279, 33), np.linspace(0, 959, 25))
+    pixel = np.stack([x, y], axis=-1).reshape(-1, 2)
+    d = rays(one, pixel)
+    told = np.isfinite(d).all(axis=1)
+    assert told.mean() > 0.9
+    assert projected(one, d[told]) == pytest.approx(pixel[told], abs=1e-6)
+
+
 def test_noise_of_pixels_is_noise_of_points_as_stated():
     """At 300 mm .006 px are 1.5 um in depth and .5 um across, as stereo geometry says."""
     sigma = 0.006

@@ -11,7 +11,8 @@ import numpy as np
 from form_drake.records import Camera
 
 ROUNDS = 5  # Gauss-Newton steps from the middle of two rays
-LENS = 20  # rounds, in which a lens is undone
+LENS = 10  # Newton's steps, in which a lens is undone
+MISSED = 1e-9  # of the focal length, by which a ray may miss its pixel then
 STEP = 1e-6  # of a point's distance, by which differences are taken
 
 
@@ -62,12 +63,14 @@ def projected(camera: Camera, p_WQ: np.ndarray) -> np.ndarray:
 def rays(camera: Camera, pixel: np.ndarray) -> np.ndarray:
     """Directions from the camera through pixels, in world, one long along its axis, shape [..., 3].
 
-    The lens is undone by repeated substitution (Brown 1966, as OpenCV does).
+    NaN where no ray is found that the lens would bend there.
     """
     seen = (pixel - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
     ray = seen
     for _ in range(LENS):
-        ray = ray + seen - _bent(camera.distortion, ray)
+        ray = ray + _unbent(camera.distortion, ray, seen - _bent(camera.distortion, ray))
+    missed = np.linalg.norm(seen - _bent(camera.distortion, ray), axis=-1)
+    ray = np.where((missed < MISSED)[..., None], ray, np.nan)
     d_C = np.concatenate([ray, np.ones((*ray.shape[:-1], 1))], axis=-1)
     return np.asarray(d_C @ camera.X_WC[:3, :3].T)
 
@@ -85,6 +88,22 @@ def _bent(k: np.ndarray, ray: np.ndarray) -> np.ndarray:
         axis=-1,
     )
     return np.asarray(ray * radial[..., None] + side)
+
+
+def _unbent(k: np.ndarray, ray: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """A small step behind the lens from one before it: by the inverse of the derivative of ``_bent``."""
+    x, y = ray[..., 0], ray[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+    slope = 2.0 * (k[0] + r2 * (2.0 * k[1] + 3.0 * r2 * k[4]))
+    a = radial + slope * x * x + 2.0 * k[2] * y + 6.0 * k[3] * x
+    b = slope * x * y + 2.0 * (k[2] * x + k[3] * y)
+    d = radial + slope * y * y + 6.0 * k[2] * y + 2.0 * k[3] * x
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found = np.stack(
+            [d * step[..., 0] - b * step[..., 1], a * step[..., 1] - b * step[..., 0]], axis=-1
+        )
+        return np.asarray(found / (a * d - b * b)[..., None])
 
 
 @dataclass(frozen=True)
