@@ -300,6 +300,13 @@ def test_the_least_is_found_wherever_it_lies(true):
     assert len(set(tried)) <= 6 and (true > 0.2 or max(tried) <= 0.4)
 
 
+@pytest.mark.parametrize("true", [0.09, 0.098, 0.105, 0.11])
+def test_a_sharp_least_pulls_no_parabola_aside(true):
+    """As where friction tells much: the misfit between two places that were tried is a cusp."""
+    least = _least(lambda friction: float(np.log(1e-5 + (friction - true) ** 2)), FRICTIONS)[1]
+    assert least == pytest.approx(true, abs=0.012)
+
+
 def test_one_face_of_a_pressed_block_gives_stiffness_and_yield(tmp_path):
     contact = {"z-": "frictionless floor", "z+": "frictionless plate"}
     made, truth = seen(tmp_path, "press-a", 1, [LOW, HIGH], "x y xy", contact, 4, 1e-5)

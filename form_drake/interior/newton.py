@@ -17,42 +17,11 @@ ROUNDS = 60
 FLOAT = 1e-6  # share of what is seen that keeps a body which nothing holds from floating away
 CLOSE = 3e-5  # change of a deformation gradient in a step, below which it is the last
 LONGEST = 0.2  # change of a deformation gradient in a step
-RUBS, ALIKE = (
-    4,
-    0.01,
-)  # solutions at most with friction, and share of its bound that no longer matters
+RUBS = 4  # solutions at most, whose friction is bounded by the pressure of the one before
+ALIKE = 0.01  # share of that bound that no longer matters
 SLOW = 0.5  # of a step that the next may be with a slope from elsewhere
 
 Solver = tuple[tuple[np.ndarray, np.ndarray], np.ndarray]  # LU factors, solutions for the pushes
-
-
-def rubbing(
-    statics: Statics,
-    rows: Rows,
-    grips: Sequence[Grip],
-    last: Held,
-    near: tuple[Held, Held] | None = None,
-) -> Held:
-    """The same as ``balanced``, with friction bounded by the pressure that there is then."""
-    found = balanced(statics, rows, grips, last, near)
-    for _ in range(RUBS - 1):
-        bounded = _bounded(last, found)
-        if bounded is None or not found.settled:
-            break
-        near, last = (last, found), bounded
-        found = balanced(statics, rows, grips, last, near)
-    return found
-
-
-def _bounded(last: Held, found: Held) -> Held | None:
-    """``last`` with the bounds of friction after it; None: it has them."""
-    rubbed, off, size = {}, 0.0, 0.0
-    for n, now in found.rubbed.items():
-        before = last.rubbed.get(n, now.none)
-        rubbed[n] = replace(before, most=now.most)
-        off += float(np.abs(now.most - before.most).sum())
-        size += float(now.most.sum())
-    return None if off <= ALIKE * size else replace(last, rubbed=rubbed)
 
 
 def balanced(
@@ -62,7 +31,7 @@ def balanced(
     last: Held,
     near: tuple[Held, Held] | None = None,
 ) -> Held:
-    """The frame after ``last``.
+    """The frame after ``last``, with friction bounded by the pressure that there is then.
 
     Args:
         statics: of the body.
@@ -75,7 +44,30 @@ def balanced(
     Raises:
         ValueError: no motion passes through what is seen without folding the body.
     """
-    frame = _Frame.of(statics, rows, grips, last)
+    found = _steps_on(_Frame.of(statics, rows, grips, last), near)
+    for _ in range(RUBS - 1):
+        bounded = _bounded(last, found, grips)
+        if bounded is None or not found.settled:
+            break
+        near, last = (last, found), bounded
+        found = _steps_on(_Frame.of(statics, rows, grips, last), near)
+    return found
+
+
+def _bounded(last: Held, found: Held, grips: Sequence[Grip]) -> Held | None:
+    """``last`` with the bounds of friction after it; None: it has them."""
+    rubbed, off, size = {}, 0.0, 0.0
+    for rub in (grip.rub for grip in grips if grip.rub):
+        most, before = found.rubbed[rub.face].most, last.rubbed.get(rub.face, rub.none)
+        rubbed[rub.face] = replace(before, most=most)
+        off += float(np.abs(most - before.most).sum())
+        size += float(most.sum())
+    return None if off <= ALIKE * size else replace(last, rubbed=rubbed)
+
+
+def _steps_on(frame: "_Frame", near: tuple[Held, Held] | None) -> Held:
+    """A frame, with friction bounded as in the one before it; ``near`` as of ``balanced``."""
+    statics, grips, last = frame.statics, frame.grips, frame.last
     ahead, alone, slope, push = last.ahead, last.ahead, last.slope, last.push
     if near is not None:
         earlier, there = near

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from form_drake.interior.newton import rubbing
+from form_drake.interior.newton import balanced
 from form_drake.interior.resistance import Resistance
 from form_drake.interior.statics import Held, Rows, Statics
 from form_drake.interior.surface import Seen
@@ -19,7 +19,6 @@ from form_drake.motion.smoothing import Smoothing, Spread
 LOOKS = 12  # frames that stand for all, where not each is needed
 SLIDES = 1.1  # times the squared error of a face that slides, up to which a bonded one sticks
 FRICTIONS = (0.0, 0.1, 0.2, 0.4, 0.8)  # that are tried, as long as they come nearer
-NEAR = 1e-3  # to a friction that was tried, another tells nothing more
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
@@ -167,9 +166,9 @@ def _frames(statics: Statics, seen: Seen, friction: float, near: Sequence[Held] 
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(seen.undrifted(D[valid], valid), seen.white[n, valid], seen.sd)
         grips = [grip for hold in own if (grip := hold(n))]
-        held = rubbing(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
+        held = balanced(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
         if near and not held.settled:
-            held = rubbing(statics, rows, grips, last)
+            held = balanced(statics, rows, grips, last)
         last = held
         found.append(last)
     return found
@@ -187,26 +186,30 @@ def _from_rest(statics: Statics, seen: Seen, friction: float) -> Seen:
     x, X = seen.X, seen.X
     rows = Rows.of(statics.values(x), np.zeros(x.shape), size)  # so that nothing floats away
     grips = [grip for hold in seen.holds if (grip := hold.grip(statics, friction)(0))]
-    y = rubbing(statics, rows, grips, statics.rest).y
+    y = balanced(statics, rows, grips, statics.rest).y
     for _ in range(SAGS):
         X = x - statics.values(X) @ y
     return replace(seen, X=X, u=seen.u + (x - X))
 
 
 def _least(function: Callable[[float], float], places: Sequence[float]) -> tuple[float, float]:
-    """The least value, and where parabolas through it and its neighbours are least.
+    """The least value, and where a parabola through it and its neighbours is least.
 
-    There is one least value: beyond the first place that is no better than the one before it none is
-    looked for. A second parabola begins where the first one is least.
+    There is one least value, looked for from the second place on to the side where it lies, until a place
+    is no better than the one before it. The parabola is one through places half-way to the neighbours on
+    both sides: the misfit is sharper than any parabola, and uneven places would pull it aside.
     """
-    found = {place: function(place) for place in places[:3]}
-    for last, place in pairwise(places[2:]):
-        if min(found, key=found.__getitem__) < last:
-            break
+    found = {place: function(place) for place in places[1:3]}
+    falling = found[places[2]] < found[places[1]]
+    for place in places[3:] if falling else places[:1]:
         found[place] = function(place)
-    guess = _bottom(found)
-    if min(abs(guess - place) for place in found) > NEAR:
-        found[guess] = function(guess)
+        if found[place] > min(found.values()):
+            break
+    tried = sorted(found)
+    n = tried.index(min(found, key=found.__getitem__))
+    for one, other in pairwise(tried[max(n - 1, 0) : n + 2]):
+        half = 0.5 * (one + other)
+        found[half] = function(half)
     return min(found.values()), _bottom(found)
 
 

@@ -20,11 +20,6 @@ class Rubbed:
     force: np.ndarray
     most: np.ndarray
 
-    @property
-    def none(self) -> "Rubbed":
-        """Before anything has pressed."""
-        return Rubbed(np.zeros_like(self.force), np.zeros_like(self.most))
-
 
 @dataclass(frozen=True)
 class Rub:
