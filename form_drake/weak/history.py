@@ -86,9 +86,10 @@ def lasting(
             held[:, alive] = onward
             inside = np.flatnonzero(chi[:, n])
             held[:, inside] += chi[inside, n][:, None, None] * pulls[n - first][:, None]
-            size = np.abs(held).max(axis=(0, 2, 3), initial=0.0)
-            largest = np.maximum(largest, size)
-            gone = size <= FORGOTTEN * largest
+            some = np.union1d(alive, inside)
+            size = np.abs(held[:, some]).max(axis=(0, 2, 3), initial=0.0)
+            largest[some] = np.maximum(largest[some], size)
+            gone = some[size <= FORGOTTEN * largest[some]]
             held[:, gone], largest[gone] = 0.0, 0.0
     place = np.arange(len(F)) // every
     return [_mean(found, row, place) for found, row in zip(looks, flowing, strict=True)]
