@@ -88,6 +88,32 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
 
+@pytest.mark.parametrize(
+    ("nu", "waves"), [(POISSON, 0.0), (POISSON, 3e-6), (0.45, 0.0)], ids=["noise", "waves", "law"]
+)
+def test_how_far_off_the_inside_may_be_is_told(nu, waves):
+    """Noise, errors of points that come and go as they move, as of a tracker, and a law that is not theirs."""
+    X, lam, rng = on_face(0, 1), np.linspace(1.0, 0.8, 24), np.random.default_rng(0)
+    u = np.stack([stretched(X, f) for f in lam])
+    phase = rng.uniform(0.0, 2.0 * np.pi, X.shape)
+    made = block(
+        u + waves * (np.sin(2.0 * np.pi * u / 2e-4 + phase) - np.sin(phase)),
+        X,
+        face=1,
+        contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
+        p_reference=X,
+        forces={
+            "plate": Stream(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+        },
+    )
+    fit = Path.of(Seen.of(made, body(made)), Resistance.plain(nu)).fit()
+    inside, time = rng.uniform(LOW, HIGH, (200, 3)), np.linspace(0.0, 1.0, 24)
+    motion = Sampling.of(fit, time, inside, np.ones(200), 1.0).motion(fit.c)
+    off = motion.x - np.stack([inside + stretched(inside, f) for f in lam])
+    told = np.stack([fit.deviation(t, inside) for t in time])
+    assert 0.4 < np.sqrt(np.mean(off**2) / np.mean(told**2)) < 2.5
+
+
 def test_windows_in_which_a_body_stands_still_count_once():
     X = on_face(0, 1)
     share = np.interp(np.arange(48), [0, 16, 32, 47], [0.0, 0.0, 1.0, 1.0])

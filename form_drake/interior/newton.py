@@ -101,6 +101,7 @@ class _Frame:
     """What does not change while a frame is sought.
 
     Attributes:
+        rows: of what is seen.
         kept: rows that hold the body as it is seen and, where tools push as they like, as balance alone
             would have it.
         B: directions of those pushes, orthonormal, shape [size, pushes].
@@ -109,6 +110,7 @@ class _Frame:
     statics: Statics
     grips: Sequence[Grip]
     last: Held
+    rows: Rows
     kept: tuple[Rows, ...]
     B: np.ndarray
 
@@ -118,7 +120,7 @@ class _Frame:
         own = sum((grip.rows for grip in grips), Rows.none(size))
         B = np.concatenate([np.zeros((size, 0)), *(grip.pushes for grip in grips)], axis=1)
         kept = (own + rows, own + rows * FLOAT)
-        return cls(statics, grips, last, kept if B.shape[1] else kept[:1], B)
+        return cls(statics, grips, last, rows, kept if B.shape[1] else kept[:1], B)
 
     def steps(
         self,
@@ -178,19 +180,19 @@ class _Frame:
 
     def settled(self, at: list[np.ndarray], push: np.ndarray, found: Forces, close: bool) -> Held:
         """The frame, once it has come to ``at``."""
-        y, last = at[0], self.last
+        y, last, rows = at[0], self.last, self.rows
         slope = self.statics.slope(y, last.past)
-        stiffness = slope + found.rubbing
+        stiffness = self.kept[0].normal - rows.normal + slope + found.rubbing
         rubs = [(grip.rub, grip.force(y, push)) for grip in self.grips if grip.rub]
         return Held(
             y=y,
             alone=at[-1],
             push=push,
-            rows=self.kept[0],
+            rows=rows,
             past=found.past,
             slope=slope,
-            stiffness=stiffness - _borne(self.B, self.kept[-1].normal + stiffness),
-            pull=found.left - push,
+            stiffness=stiffness - _borne(self.B, stiffness + FLOAT * rows.normal),
+            pull=rows.right - rows.normal @ y,
             settled=close,
             rubbed={rub.face: rub.after(found.rubs[rub.face], held) for rub, held in rubs},
             ahead=y - last.y,

@@ -21,6 +21,8 @@ SLIDES = 1.1  # times the squared error of a face that slides, up to which a bon
 FRICTIONS = (0.0, 0.1, 0.2, 0.4, 0.8)  # that are tried, as long as they come nearer
 SHOWN = 1e-3  # share of a function that is no doubt left or no freedom
 UNSETTLED = 0.1  # share of the frames that may not settle
+STEPS = 100  # towards the likeliest sizes of errors
+NOTHING = 1e-30  # a variance beside ones of about one
 SAGS = 3  # rounds in which points find the places free of stress that sag to where they are seen
 
 
@@ -76,8 +78,8 @@ class Path:
         """The motion: splines in time through the frames, and their covariance.
 
         What the surface shows of the coefficients is as uncertain as its points. What it does not show is
-        what the balance makes it, and as uncertain as that: by how much points had to pull at it, in each
-        frame, beyond what their noise does, is told by what they show.
+        what the balance makes it, and as uncertain as that. How much either is shows in how points pull
+        at the balance, frame by frame.
         """
         statics, seen, frames = self.statics, self.seen, self.frames
         looks = frames[:: max(1, len(frames) // LOOKS)]
@@ -90,9 +92,7 @@ class Path:
         root = solve_triangular(factor, turn, lower=True, trans="T") / seen.sd
         z = np.array([seen.sd * (turn.T @ (factor.T @ f.y)) for f in frames])
         pulls = turn.T @ solve_triangular(factor, np.array([f.pull for f in frames]).T, lower=True)
-        by_noise = (seen.noise / seen.sd) ** 2 * np.sum(told * (1.0 - told) ** 2)
-        beyond = np.maximum(np.sum(pulls**2, axis=0) - by_noise, 0.0)
-        doubt = np.sqrt(beyond / np.sum(told**2 * (1.0 - told)))
+        own, doubt = seen.sd * _sizes(pulls, told)
         splines = chosen_time(seen.time, z, seen.noise)
         Q, R = np.linalg.qr(splines.matrix(seen.time))
         back = np.linalg.inv(R)
@@ -103,11 +103,13 @@ class Path:
             left[valid] = seen.undrifted(left[valid, :, None], valid)[..., 0]
             left[~valid] = 0.0
         freedom = max(1.0 - told.sum() / len(D), SHOWN)
+        beside = np.sqrt(np.maximum(own**2 - seen.noise**2, 0.0))
+        lasting = _enlarged(unfollowed(rest, seen.noise, freedom), beside)
         spread = (
             Spread(np.sqrt(told)[:, None], seen.noise * back),
-            Spread(np.sqrt(told)[:, None], back @ Q.T @ unfollowed(rest, seen.noise, freedom)),
+            Spread(np.sqrt(told)[:, None], back @ Q.T @ lasting),
         )
-        unseen = Spread(np.sqrt(1.0 - told)[:, None], back @ Q.T @ (seen.sd * doubt)[:, None])
+        unseen = Spread(np.sqrt(1.0 - told)[:, None], back @ Q.T @ doubt[:, None])
         return Fit(
             space=statics.space,
             time=splines,
@@ -121,6 +123,37 @@ class Path:
             response=spread,
             doubt=(unseen,),
         )
+
+
+def _sizes(pulls: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Errors of the points, and of the balance out of which they pull a body, shape [2, frames].
+
+    Errors of points pull as told (1 - told)^2 at the functions, as a variance, and errors of the balance
+    as told^2 (1 - told): the likeliest sizes of both (steps of Zhou, Hu, Zhou and Lange, "MM algorithms
+    for variance components models", 2019).
+
+    Args:
+        pulls: at the functions, shape [functions, frames].
+        told: share of each that points tell, shape [functions].
+    """
+    some = (told > SHOWN) & (told < 1.0 - SHOWN)
+    if not some.any():
+        return np.zeros((2, pulls.shape[1]))
+    t, square = told[some], pulls[some] ** 2
+    level = np.maximum(square.mean(axis=0), np.finfo(float).tiny)
+    shapes = np.stack([t * (1.0 - t) ** 2, t**2 * (1.0 - t)])
+    size = np.ones((2, len(level)))
+    for _ in range(STEPS):
+        variance = shapes.T @ size + NOTHING
+        by_square = shapes @ (square / level / variance**2)
+        size *= np.sqrt(by_square / (shapes @ (1.0 / variance)))
+    return np.asarray(np.sqrt(level * size))
+
+
+def _enlarged(series: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Series [frames, n] of which all together are in each frame at least as large, shape [frames]."""
+    size = np.maximum(np.linalg.norm(series, axis=1), NOTHING)
+    return series * np.maximum(least / size, 1.0)[:, None]
 
 
 def friction_of(seen: Seen, resistance: Resistance) -> float:

@@ -87,8 +87,9 @@ class Held:
         rows: what is seen of it.
         past: memory of the quadrature points.
         slope: of the law's forces [1/m^2], shape [size, size].
-        stiffness: that of the balance, as a normal matrix [1/m^2], shape [size, size].
-        pull: forces that are left over, in the same units [1/m], shape [size].
+        stiffness: that of the balance and of what holds faces, as a normal matrix [1/m^2], shape
+            [size, size].
+        pull: of the points that are seen, in the same units [1/m], shape [size].
         settled: whether the last step was small.
         rubbed: what friction does, by the index of the face.
         ahead: how far y has moved, from where the next frame begins [m], shape [size].
