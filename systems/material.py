@@ -113,16 +113,22 @@ class MaterialSystem(LeafSystem):
         )
 
     def _check(self, context: Context, state: State) -> EventStatus:
-        """Refuse tools that start inside of material.
+        """Refuse tools that start inside of material, or elsewhere than where they hold it.
 
         Raises:
             ValueError: names them and says how deep.
         """
         if self.snapshot(context).state.step == 0:
-            deep = self.scene.overlaps(self.motions(context))
+            motions = self.motions(context)
+            deep, astray = self.scene.overlaps(motions), self.scene.astray(motions)
             if deep:
                 told = ", ".join(f"{name} by {1e3 * depth:.2g} mm" for name, depth in deep.items())
                 raise ValueError(f"material overlaps at the start: {told}; move one of them away")
+            if astray:
+                raise ValueError(
+                    f"{', '.join(astray)} is bonded where the plant's defaults put it, and starts"
+                    " elsewhere: set these before AddMaterial, or choose grid space"
+                )
         return EventStatus.DidNothing()
 
     def _advance(self, context: Context, state: State) -> EventStatus:

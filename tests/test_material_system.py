@@ -209,6 +209,10 @@ def test_convex_hull_of_a_file(tmp_path):
         ({"finalize": False}, "Finalize"),
         ({"contact": {"plate": 0.1}}, "plate"),
         ({"drop": -0.005}, "ball by 3.9 mm"),
+        (
+            {"contact": {"ball": "bonded"}, "grid": "rest"},
+            "ball is bonded where .* starts elsewhere",
+        ),
         ({"region": np.array([[-0.01] * 3, [0.01] * 3])}, "enlarge the region"),
         ({"grid": "time"}, "'time': choose from rest, space"),
         ({"per_cell": (2, 0, 2)}, "three whole numbers"),
