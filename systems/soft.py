@@ -1,14 +1,13 @@
 """Soft bodies added to a plant, in the lines of ``AddMultibodyPlantSceneGraph``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import SceneGraph, Shape
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.effects import CATALOGUE, Effect, World
@@ -18,66 +17,14 @@ from form_drake.material import Material
 from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import Body
-from form_drake.mpm.tools import Motions, Tool
-from form_drake.systems.material import PERIOD, MaterialSystem, Touching
-from form_drake.systems.shapes import friction, solid
+from form_drake.systems.material import PERIOD, MaterialSystem
+from form_drake.systems.shapes import edges, solid
+from form_drake.systems.touching import Contact, default_motions, reaches, rubbing, touching
 
 MOST_PARTICLES = 2_000_000
 ROOM = 1.0  # of a body's longest edge, left around it by default
 
-Contact = float | Literal["stick", "bonded"]
 GRIDS = ("rest", "space")
-
-
-def touching(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    bodies: Sequence[RigidBody] | None,
-    contact: Mapping[str, Contact],
-    spacing: float,
-) -> list[Touching]:
-    """The collision geometries of some bodies of a plant, or of all.
-
-    Raises:
-        ValueError: a contact is stated for a body that has no collision geometry, or a shape that
-            cannot touch material.
-    """
-    inspector = scene_graph.model_inspector()
-    if bodies is None:
-        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
-    found = []
-    for body in bodies:
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            name = body_name(plant, body)
-            stated = contact.get(name, friction(inspector, geometry))
-            shape = solid(inspector.GetShape(geometry), spacing)
-            tool = Tool(inspector.GetName(geometry), shape, stated)
-            X_BG = inspector.GetPoseInFrame(geometry)
-            found.append(Touching(body.index(), name, X_BG, tool))
-    unknown = set(contact) - {t.name for t in found}
-    if unknown:
-        raise ValueError(
-            f"contact of {', '.join(sorted(unknown))}: no such body has collision geometry; those"
-            f" that have are {', '.join(sorted({t.name for t in found})) or 'none'}"
-        )
-    return found
-
-
-def body_name(plant: MultibodyPlant, body: RigidBody) -> str:
-    """Of a body: with its model's, where bodies of several models share it."""
-    alone = plant.NumBodiesWithName(body.name()) == 1
-    return body.name() if alone else body.scoped_name().get_full()
-
-
-def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
-    """Whether a geometry moves, or stands where material may go."""
-    body = plant.get_body(touching.body)
-    if not plant.IsAnchored(body):
-        return True
-    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
-    middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
-    reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
-    return touching.tool.solid.within(middle, reach)
 
 
 def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -> Body:
@@ -163,31 +110,6 @@ def acted(
     return by_material(world, body), own, world.friction
 
 
-def _rubbing(touching: Sequence[Touching], friction: float) -> list[Touching]:
-    """Geometries, those that are stated to be frictionless with a friction after all.
-
-    Raises:
-        ValueError: none is.
-    """
-    smooth = [t.tool.contact == 0.0 for t in touching]
-    if friction and not any(smooth):
-        names = ", ".join(sorted({t.name for t in touching}))
-        raise ValueError(f"tool-friction: none of {names} is stated to be frictionless")
-    return [
-        replace(t, tool=replace(t.tool, contact=friction)) if own and friction else t
-        for t, own in zip(touching, smooth, strict=True)
-    ]
-
-
-def _default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Motions:
-    """Where geometries are in the plant's default Context, at rest."""
-    context = plant.CreateDefaultContext()
-    X = [plant.EvalBodyPoseInWorld(context, plant.get_body(t.body)) @ t.X_BG for t in touching]
-    p = np.array([x.translation() for x in X]).reshape(-1, 3)
-    still = Motions.at_rest(p)
-    return replace(still, R_WT=np.array([x.rotation().matrix() for x in X]).reshape(-1, 3, 3))
-
-
 def AddMaterial(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
@@ -268,8 +190,7 @@ def AddMaterial(
         )
     for one in materials:
         check_moduli(one.law, one.values)
-    edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
-    dx = float(min(edges)) / 6.0 if dx is None else dx
+    dx = float(min(edges(s).min() for s in shapes)) / 6.0 if dx is None else dx
     apart = dx / _counts(per_cell)
     filled_with = [particles(s, X, apart) for s, X in zip(shapes, poses, strict=True)]
     if region is None:
@@ -277,10 +198,10 @@ def AddMaterial(
         reach = ROOM * float(np.ptp(x, axis=0).max())
         region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
-    found = [t for t in found if _reaches(plant, t, region)]
+    found = [t for t in found if reaches(plant, t, region)]
     gravity = plant.gravity_field().gravity_vector()
     parts, acting, friction = acted(materials, filled_with, gravity, effects)
-    found = _rubbing(found, friction)
+    found = rubbing(found, friction)
     scene = Scene(
         [m for m, _ in parts],
         [b for _, b in parts],
@@ -293,7 +214,7 @@ def AddMaterial(
         precision=precision,
         device=device,
     )
-    scene.tie(_default_motions(plant, found))
+    scene.tie(default_motions(plant, found))
     system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
     system.set_name("material")
     for name in ("body_poses", "body_spatial_velocities"):

@@ -19,7 +19,7 @@ from form_drake.laws import LAWS
 from form_drake.material import Material, read_material
 from form_drake.systems.arm import add_package
 from form_drake.systems.deformable import deformable_config
-from form_drake.systems.shapes import solid
+from form_drake.systems.shapes import edges, solid
 from form_drake.systems.soft import GRIDS, AddMaterial, over_rest, particles
 
 G = np.array([0.0, 0.0, -9.81])
@@ -200,6 +200,49 @@ def test_convex_hull_of_a_file(tmp_path):
     made = solid(Convex(str(path), 0.03), 1e-3)
     inside, outside = [[0.004] * 3], [[0.02] * 3]
     assert made.distance(np.array(inside))[0] < 0 < made.distance(np.array(outside))[0]
+
+
+def test_a_gltf_file_stands_as_in_drake(tmp_path):
+    """Its y is up, Drake's z."""
+    made = trimesh.creation.box((0.02, 0.03, 0.06))
+    made.apply_translation([0.01, 0.02, 0.05])
+    for name, content in made.scene().export(file_type="gltf").items():
+        (tmp_path / name).write_bytes(content)
+    mesh = Mesh(str(tmp_path / "model.gltf"), np.array([1.0, 2.0, 3.0]))
+    hull = mesh.GetConvexHull()
+    corners = np.array([hull.vertex(n) for n in range(hull.num_vertices())])
+    assert edges(mesh) == pytest.approx(np.ptp(corners, axis=0))
+    middle = corners.mean(axis=0)
+    ends = np.concatenate([0.99 * (corners - middle), 1.05 * (corners - middle)]) + middle
+    inside = solid(mesh, 2.5e-3).distance(ends) < 0.0
+    assert inside.tolist() == [True] * len(corners) + [False] * len(corners)
+
+
+def test_a_soft_mesh_may_be_large_and_off_its_origin(tmp_path):
+    """Its default grid is that of a box of its size."""
+    path = str(tmp_path / "base.obj")
+    made = trimesh.creation.box((0.4, 0.3, 0.3))
+    made.apply_translation([0.0, 0.0, 0.15])
+    made.export(path)
+    spacings = []
+    for shape, X_WM in ((Mesh(path), RigidTransform()), (Box(0.4, 0.3, 0.3), RigidTransform())):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        plant.Finalize()
+        soft = AddMaterial(builder, plant, scene_graph, SOFT, shape, X_WM)
+        spacings.append(soft.scene.simulation.solver.dx)
+    assert spacings == pytest.approx([0.05, 0.05])
+
+
+def test_a_mesh_that_cannot_be_used_is_named(tmp_path):
+    (tmp_path / "a.vtk").touch()
+    with pytest.raises(ValueError, match=r"a.vtk is of a kind that is not read: take .obj"):
+        solid(Mesh(str(tmp_path / "a.vtk")), STEP)
+    large = tmp_path / "large.obj"
+    trimesh.creation.box((2.0, 2.0, 2.0)).export(large)
+    with pytest.raises(ValueError, match=r"body world: .* at most .* leave it out of bodies"):
+        on_the_floor(floor=Mesh(str(large)))
 
 
 @pytest.mark.parametrize(
