@@ -53,6 +53,9 @@ class MaterialSystem(LeafSystem):
         touching: what touches them.
         period: [s].
         settle: rate [1/s] at which velocities decay, and the time [s] until which they do.
+
+    Raises:
+        ValueError: one of these is negative.
     """
 
     def __init__(
@@ -64,6 +67,8 @@ class MaterialSystem(LeafSystem):
         settle: tuple[float, float] = (0.0, 0.0),
     ):
         super().__init__()
+        if not min(settle) >= 0.0:
+            raise ValueError(f"settle: rate [1/s] and time [s] must not be negative, got {settle}")
         self.scene, self.touching = scene, tuple(touching)
         self.period, self._settle = period, settle
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import SceneGraph, Shape
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
@@ -110,6 +110,50 @@ def acted(
     return by_material(world, body), own, world.friction
 
 
+def _ready(builder: DiagramBuilder, plant: MultibodyPlant, period: float) -> None:
+    """Refuse a plant to which no material can be added, as ``AddMaterial`` says."""
+    if not plant.is_finalized():
+        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
+    if plant.has_sampled_output_ports():
+        raise ValueError(
+            "the plant samples its output ports, so that wrenches would come a step late: call"
+            " plant.SetUseSampledOutputPorts(False) before Finalize()"
+        )
+    if not 0.0 < period < np.inf:
+        raise ValueError(f"period: a positive number of seconds is wanted, got {period:g}")
+    steps = period / plant.time_step() if plant.time_step() else 1.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ValueError(
+            f"period {period:g} s: one or several steps of the plant are wanted, which are"
+            f" {plant.time_step():g} s: forces of the material would act longer than they were"
+        )
+    fed = builder.connection_map()
+    if any(isinstance(to, MaterialSystem) and fed[to, n][0] is plant for to, n in fed):
+        raise ValueError("the plant has material: give all to one AddMaterial, so that it meets")
+    force = plant.get_applied_spatial_force_input_port()
+    if builder.IsConnectedOrExported(force) and (plant, force.get_index()) not in fed:
+        raise ValueError(
+            "the plant's applied_spatial_force port is an input of the diagram: feed it by a system in it"
+        )
+
+
+def _connect(builder: DiagramBuilder, plant: MultibodyPlant, material: MaterialSystem) -> None:
+    """Connect material and plant; wrenches act beside those that another system has fed it."""
+    for name in ("body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(name), material.GetInputPort(name))
+    wrenches = material.GetOutputPort("applied_spatial_force")
+    force = plant.get_applied_spatial_force_input_port()
+    others = builder.connection_map().get((plant, force.get_index()))
+    if others is not None:
+        source, n = others
+        both = builder.AddSystem(ExternallyAppliedSpatialForceMultiplexer(2))
+        builder.Disconnect(source.get_output_port(n), force)
+        builder.Connect(source.get_output_port(n), both.get_input_port(0))
+        builder.Connect(wrenches, both.get_input_port(1))
+        wrenches = both.get_output_port()
+    builder.Connect(wrenches, force)
+
+
 def AddMaterial(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
@@ -135,7 +179,8 @@ def AddMaterial(
 
     Args:
         builder: of the diagram that holds plant and scene graph.
-        plant: finalized, with ``use_sampled_output_ports`` false.
+        plant: finalized, with ``use_sampled_output_ports`` false; what already feeds its
+            ``applied_spatial_force`` goes on to act.
         scene_graph: that the plant registered its geometry with.
         material: of the soft body, or of each of several; effects act in one alone.
         shape: of it when free of stress; its frame is M.
@@ -158,28 +203,10 @@ def AddMaterial(
 
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
-            period, another system already feeds its applied_spatial_force port, a stated shape,
-            contact or region does not fit, or a modulus of a material is not positive.
+            period, it has material already, or an applied_spatial_force port that is exported; a
+            number, shape, contact or region does not fit, or a modulus is not positive.
     """
-    if not plant.is_finalized():
-        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
-    if plant.has_sampled_output_ports():
-        raise ValueError(
-            "the plant samples its output ports, so that wrenches would come a step late: call"
-            " plant.SetUseSampledOutputPorts(False) before Finalize()"
-        )
-    steps = period / plant.time_step() if plant.time_step() else 1.0
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
-        raise ValueError(
-            f"period {period:g} s: one or several steps of the plant are wanted, which are"
-            f" {plant.time_step():g} s: forces of the material would act longer than they were"
-        )
-    force = plant.get_applied_spatial_force_input_port()
-    if builder.IsConnectedOrExported(force):
-        raise ValueError(
-            "the plant's applied_spatial_force port is in use: add an"
-            " ExternallyAppliedSpatialForceMultiplexer, or give all materials to one AddMaterial"
-        )
+    _ready(builder, plant, period)
     materials, shapes, poses = (
         list(v) if isinstance(v, Sequence) else [v] for v in (material, shape, X_WM)
     )
@@ -191,12 +218,18 @@ def AddMaterial(
     for one in materials:
         check_moduli(one.law, one.values)
     dx = float(min(edges(s).min() for s in shapes)) / 6.0 if dx is None else dx
+    for name, value in (("dx", dx), ("mass_scale", mass_scale)):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"{name}: a positive number is wanted, got {value}")
     apart = dx / _counts(per_cell)
     filled_with = [particles(s, X, apart) for s, X in zip(shapes, poses, strict=True)]
     if region is None:
         x = np.concatenate([b.x for b in filled_with])
         reach = ROOM * float(np.ptp(x, axis=0).max())
         region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
+    region = np.asarray(region, dtype=float)
+    if region.shape != (2, 3):
+        raise ValueError(f"region: two corners are wanted, shape [2, 3], got {region.shape}")
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
     found = [t for t in found if reaches(plant, t, region)]
     gravity = plant.gravity_field().gravity_vector()
@@ -217,7 +250,5 @@ def AddMaterial(
     scene.tie(default_motions(plant, found))
     system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
     system.set_name("material")
-    for name in ("body_poses", "body_spatial_velocities"):
-        builder.Connect(plant.GetOutputPort(name), system.GetInputPort(name))
-    builder.Connect(system.GetOutputPort("applied_spatial_force"), force)
+    _connect(builder, plant, system)
     return system

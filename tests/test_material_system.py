@@ -6,14 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import Value
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Mesh, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from form_drake.laws import LAWS
 from form_drake.material import Material, read_material
@@ -30,7 +37,16 @@ SOFT = Material(LAWS["fixed-corotated"], {"mu": 30e3, "lam": 45e3}, density=1000
 
 
 def on_the_floor(
-    *, drop=0.0, sampled=False, finalize=True, floor=None, twin=False, step=STEP, arm=0.0, **options
+    *,
+    drop=0.0,
+    sampled=False,
+    finalize=True,
+    floor=None,
+    twin=False,
+    step=STEP,
+    arm=0.0,
+    fed=lambda builder, plant: None,
+    **options,
 ):
     """A soft cube on a floor under a falling ball, in a plant of its own."""
     builder = DiagramBuilder()
@@ -50,6 +66,7 @@ def on_the_floor(
         plant.SetDefaultFloatingBaseBodyPose(second, RigidTransform([0.2, 0.0, 0.2]))
     if finalize:
         plant.Finalize()
+    fed(builder, plant)
     options = {"dx": 5e-3, "precision": "float64"} | options
     X_WM = RigidTransform([0.0, 0.0, EDGE / 2])
     cube = Box(EDGE, EDGE, EDGE)
@@ -71,6 +88,44 @@ def momentum(simulator, plant, system):
     own = plant.GetMyContextFromRoot(context)
     ball = plant.EvalBodySpatialVelocityInWorld(own, plant.GetBodyByName("ball"))
     return soft, MASS * ball.translational()
+
+
+def with_a_soft_ball(builder, plant):
+    """Material of the plant before."""
+    scene_graph = builder.GetSubsystemByName("scene_graph")
+    AddMaterial(
+        builder, plant, scene_graph, SOFT, Sphere(0.01), RigidTransform([0.1, 0.0, 0.1]), dx=5e-3
+    )
+
+
+def exported(builder, plant):
+    """The port of its forces leads out of the diagram."""
+    builder.ExportInput(plant.get_applied_spatial_force_input_port(), "forces")
+
+
+def lifted(builder, plant):
+    """Another system bears the ball's weight."""
+    force = ExternallyAppliedSpatialForce()
+    force.body_index = plant.GetBodyByName("ball").index()
+    force.F_Bq_W = SpatialForce(np.zeros(3), -MASS * G)
+    source = builder.AddSystem(
+        ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([force]))
+    )
+    builder.Connect(source.get_output_port(), plant.get_applied_spatial_force_input_port())
+
+
+def test_forces_of_another_system_act_beside_those_of_the_material():
+    """What bears the ball's weight goes on to, and the floor feels its push."""
+    simulator, plant, system = on_the_floor(fed=lifted)
+    simulator.AdvanceTo(0.03)
+    soft, ball = momentum(simulator, plant, system)
+    assert ball == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(soft).max() > 0.0
+    own = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    down = SpatialVelocity(np.zeros(3), [0.0, 0.0, -0.2])
+    plant.SetFreeBodySpatialVelocity(own, plant.GetBodyByName("ball"), down)
+    simulator.AdvanceTo(0.06)
+    assert momentum(simulator, plant, system)[1][2] > -0.1 * MASS  # the cube stops it
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -261,6 +316,13 @@ def test_a_mesh_that_cannot_be_used_is_named(tmp_path):
         ({"per_cell": (2, 0, 2)}, "three whole numbers"),
         ({"step": 2.5e-3}, "period 0.001 s: one or several steps of the plant"),
         ({"step": 7e-4}, "which are 0.0007 s"),
+        ({"step": 0.0, "period": 0.0}, "period: a positive number"),
+        ({"dx": 0.0}, "dx: a positive number is wanted, got 0"),
+        ({"mass_scale": -1.0}, "mass_scale: a positive number"),
+        ({"settle": (-5.0, 0.1)}, "settle: rate .* must not be negative"),
+        ({"region": [0.0, 1.0, 1.0]}, "region: two corners are wanted"),
+        ({"fed": with_a_soft_ball}, "the plant has material: give all to one AddMaterial"),
+        ({"fed": exported}, "applied_spatial_force port is an input of the diagram"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, said):
