@@ -115,6 +115,15 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("stereo.focus=-1",), "stereo: focus: a positive number is wanted"),
         ("press_a", ("cameras={front: {rgb: false, depth: false}}",), "cameras.front: neither rgb"),
         ("press_a", ("specimen.effects=[{id: a",), "what follows = is no YAML"),
+        ("press_a", ("measure.sensor.noise=[]",), "measure.sensor: sensor noise .., bandwidth"),
+        ("press_a", ("solver.damping=-5",), "solver.damping: must not be negative, got -5"),
+        ("press_a", ("solver.settle=-1",), "solver.settle: must not be negative"),
+        ("press_a", ("solver.room=[0.01, -1, 0.01]",), "solver.room: must not be negative"),
+        ("press_a", ("specimen.clamped.z+=-0.01",), r"specimen.clamped.z\+: must not be negative"),
+        ("press_a", ("specimen.size=[0.03, 0, 0.02]",), "specimen.size: a positive number"),
+        ("press_a", ("name=.",), "name: that of a folder in runs is wanted, got '.'"),
+        ("press_a", ("name=..",), "name: that of a folder in runs"),
+        ("press_a", ("name=../elsewhere",), "name: that of a folder in runs"),
     ],
 )
 def test_bad_scenarios_are_one_line(name, change, said):
