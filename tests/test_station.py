@@ -194,6 +194,35 @@ def test_a_cell_is_a_file_and_cameras_have_ports(tmp_path, monkeypatch):
     assert not [s for s in diagram.GetSystems() if "Lcm" in s.get_name()]
 
 
+def test_files_are_named_from_the_scenario_that_names_them(tmp_path):
+    """Wherever one is, from a scenario that inherits it, and from the one that a run leaves."""
+    cell = load_scenario("press_b").cell
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/cell.dmd.yaml").write_text(
+        f"directives: [add_directives: {{file: '{cell}'}}]\n"
+    )
+    own = {"inherits": "press_b", "cell": "cell.dmd.yaml", "packages": {"parts": "."}}
+    (tmp_path / "own/press.yaml").write_text(yaml.safe_dump(own))
+    (tmp_path / "heir.yaml").write_text("inherits: own/press.yaml\n")
+    left = tmp_path / "own/left.yaml"
+    left.write_text(scenario_text(tmp_path / "heir.yaml", hidden=True))
+    for path in (tmp_path / "heir.yaml", left):
+        scenario = load_scenario(path)
+        assert scenario.cell == str(tmp_path / "own/cell.dmd.yaml")
+        assert scenario.packages == {"parts": str(tmp_path / "own")}
+        assert planned(scenario).rows() == 7
+
+
+def test_powers_of_ten_are_numbers_in_files_as_in_changes(tmp_path):
+    path = tmp_path / "press.yaml"
+    path.write_text(
+        "inherits: press_a\nspecimen: {material: {E: 63e3}, size: [3e-2, .03E0, 25e-3]}\n"
+    )
+    specimen = load_scenario(path, ("specimen.p_WM=[5e-1, 0, 6.25e-2]",)).specimen
+    assert specimen.material["E"] == 63e3
+    assert specimen.size + specimen.p_WM == [0.03, 0.03, 0.025, 0.5, 0.0, 0.0625]
+
+
 def test_ports():
     diagram = make_station(short()).diagram
     names = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
