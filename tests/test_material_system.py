@@ -23,7 +23,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from form_drake.laws import LAWS
-from form_drake.material import Material, read_material
+from form_drake.material import Acting, Material, read_material
 from form_drake.systems.arm import add_package
 from form_drake.systems.deformable import deformable_config
 from form_drake.systems.shapes import edges, solid
@@ -393,6 +393,9 @@ def test_elastic_materials_become_drakes_own():
     dough = Material(LAWS["von-mises"], {**SOFT.values, "tau_y": 1e3}, density=1000.0)
     with pytest.raises(ValueError, match="no deformable model of von-mises"):
         deformable_config(dough)
+    dragged = Material(SOFT.law, SOFT.values, 1000.0, effects=(Acting("drag", 1.0, {}),))
+    with pytest.raises(ValueError, match="have no drag: give the material without effects"):
+        deformable_config(dragged)
 
 
 def test_the_plant_of_the_readme(tmp_path, monkeypatch):
