@@ -1,9 +1,13 @@
 """Scenarios and the station: typed files, ports, a short probe, what is refused."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 
+from form_drake.__main__ import main
 from form_drake.control import smooth
 from form_drake.identify import identify
 from form_drake.laws import LAWS
@@ -337,6 +341,26 @@ def test_replay_of_the_same_material(pressed):
     assert abs(same.peak_error) < 1e-3 and same.force_rms < 1e-3
     softer = replay(run.scenario, material.changed({"E": 60e3, "nu": 0.3}), recording)
     assert softer.peak_error == pytest.approx(-0.25, abs=0.05)
+
+
+def test_a_prediction_where_no_force_was_measured(pressed, tmp_path, monkeypatch, capsys):
+    """Has no error of it, and says so."""
+    run, recording = pressed
+    monkeypatch.chdir(tmp_path)
+    force = recording.forces["press_plate"]
+    none = replace(force, value=np.zeros_like(force.value))
+    write_recording(replace(recording, forces={"press_plate": none}), tmp_path / "recording.h5")
+    (tmp_path / "scenario.yaml").write_text(
+        scenario_text("press_b", (*COARSE, "solver.settle=0.05"))
+    )
+    run.scenario.specimen.made().write(tmp_path / "dough.yaml")
+    told = ["predict", "dough.yaml", "recording.h5"]
+    assert main([*told, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["shape_rms"] < 1e-6
+    assert found["force_rms"] is None and found["peak_error"] is None
+    assert main(told) == 0
+    assert "rms, no force was measured, driven by pose" in capsys.readouterr().out
 
 
 def test_replay_driven_by_force(pressed):
