@@ -49,6 +49,24 @@ def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -
     return Body(X_WM.multiply(body.x.T).T, body.volume, 1.0, edges)
 
 
+def _apart(
+    shapes: Sequence[Shape], poses: Sequence[RigidTransform], bodies: Sequence[Body]
+) -> None:
+    """Refuse bodies that lie in each other: on one grid they would never come apart.
+
+    Raises:
+        ValueError: a particle of one is inside of another.
+    """
+    if len(bodies) < 2:
+        return
+    for n, (shape, X_WM) in enumerate(zip(shapes, poses, strict=True)):
+        outline = solid(shape, float(np.cbrt(bodies[n].volume.min())))
+        for k, other in enumerate(bodies):
+            p_MQ = X_WM.inverse().multiply(other.x.T).T
+            if k != n and np.any(outline.distance(p_MQ) < 0.0):
+                raise ValueError(f"bodies {n} and {k} overlap: move one of them, X_WM says where")
+
+
 def over_rest(materials: Sequence[Material], grid: str) -> bool:
     """Whether the grid lies over the rest shape.
 
@@ -204,7 +222,7 @@ def AddMaterial(
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
             period, it has material already, or an applied_spatial_force port that is exported; a
-            number, shape, contact or region does not fit, or a modulus is not positive.
+            number, shape, contact or region does not fit, bodies overlap, or a modulus is not positive.
     """
     _ready(builder, plant, period)
     materials, shapes, poses = (
@@ -223,6 +241,7 @@ def AddMaterial(
             raise ValueError(f"{name}: a positive number is wanted, got {value}")
     apart = dx / _counts(per_cell)
     filled_with = [particles(s, X, apart) for s, X in zip(shapes, poses, strict=True)]
+    _apart(shapes, poses, filled_with)
     if region is None:
         x = np.concatenate([b.x for b in filled_with])
         reach = ROOM * float(np.ptp(x, axis=0).max())

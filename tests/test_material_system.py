@@ -348,6 +348,23 @@ def test_particles_stand_closer_along_an_axis_of_a_box_however_it_is_turned():
     assert high - low == pytest.approx([0.004, 0.012, 0.02])
 
 
+def test_bodies_may_touch_and_not_overlap():
+    """As a body and a plant's may."""
+
+    def second(x):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        plant.Finalize()
+        shapes, places = [Box(0.02, 0.02, 0.02), Sphere(0.01)], [[0.0] * 3, [x, 0.0, 0.0]]
+        poses = [RigidTransform(RotationMatrix.MakeZRotation(np.pi / 2), p) for p in places]
+        return AddMaterial(builder, plant, scene_graph, [SOFT, SOFT], shapes, poses, dx=5e-3)
+
+    assert len(second(0.02).scene.simulation.bodies) == 2
+    with pytest.raises(ValueError, match="bodies 0 and 1 overlap: move one"):
+        second(0.017)
+
+
 def test_half_space_cannot_be_filled():
     with pytest.raises(ValueError, match="half-space"):
         particles(HalfSpace(), RigidTransform(), 1e-3)
