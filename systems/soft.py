@@ -1,6 +1,7 @@
 """Soft bodies added to a plant, in the lines of ``AddMultibodyPlantSceneGraph``."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,14 @@ from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import Body
 from form_drake.systems.material import PERIOD, MaterialSystem
 from form_drake.systems.shapes import edges, solid
-from form_drake.systems.touching import Contact, default_motions, reaches, rubbing, touching
+from form_drake.systems.touching import (
+    Contact,
+    bearable,
+    default_motions,
+    reaches,
+    rubbing,
+    touching,
+)
 
 MOST_PARTICLES = 2_000_000
 ROOM = 1.0  # of a body's longest edge, left around it by default
@@ -222,7 +230,8 @@ def AddMaterial(
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
             period, it has material already, or an applied_spatial_force port that is exported; a
-            number, shape, contact or region does not fit, bodies overlap, or a modulus is not positive.
+            number, shape, contact or region does not fit, bodies overlap, one of the plant's holds
+            more than it weighs, or a modulus is not positive.
     """
     _ready(builder, plant, period)
     materials, shapes, poses = (
@@ -266,7 +275,9 @@ def AddMaterial(
         precision=precision,
         device=device,
     )
-    scene.tie(default_motions(plant, found))
+    still, whole = default_motions(plant, found), scene.simulation.body
+    bearable(plant, found, still, replace(whole, x=scene.rest))
+    scene.tie(still)
     system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
     system.set_name("material")
     _connect(builder, plant, system)

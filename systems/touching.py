@@ -7,8 +7,10 @@ from typing import Literal
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, RigidBody
 
+from form_drake.mpm.bodies import spatial_inertia
+from form_drake.mpm.model import Body
 from form_drake.mpm.tools import Motions, Tool
 from form_drake.systems.material import Touching
 from form_drake.systems.shapes import friction, solid
@@ -93,3 +95,38 @@ def default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Moti
     p = np.array([x.translation() for x in X]).reshape(-1, 3)
     still = Motions.at_rest(p)
     return replace(still, R_WT=np.array([x.rotation().matrix() for x in X]).reshape(-1, 3, 3))
+
+
+def bearable(
+    plant: MultibodyPlant, touching: Sequence[Touching], still: Motions, body: Body
+) -> None:
+    """Refuse moving bodies that hold material of more inertia than their own.
+
+    Material follows them in a period, and they its push in the next: they would throw each other.
+
+    Args:
+        plant: of the bodies.
+        touching: their geometries.
+        still: where these are by default.
+        body: particles in W.
+
+    Raises:
+        ValueError: names one, and says what it holds.
+    """
+    context, world = plant.CreateDefaultContext(), plant.world_frame()
+    for n, t in enumerate(touching):
+        holder = plant.get_body(t.body)
+        if t.tool.contact != "bonded" or plant.IsAnchored(holder):
+            continue
+        away = body.x - still.p_WT[n]
+        inside = t.tool.solid.distance(away @ still.R_WT[n]) < 0.0
+        J = plant.CalcJacobianSpatialVelocity(
+            context, JacobianWrtVariable.kV, holder.body_frame(), t.X_BG.translation(), world, world
+        )
+        added = J.T @ spatial_inertia(body.mass[inside], away[inside]) @ J
+        share = np.linalg.eigvals(np.linalg.solve(plant.CalcMassMatrix(context), added)).real.max()
+        if share >= 1.0:
+            raise ValueError(
+                f"{t.name} holds {1e3 * body.mass[inside].sum():.3g} g of material, whose inertia is"
+                f" {share:.3g} times its own: make it heavier than what it holds"
+            )

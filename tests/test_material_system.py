@@ -365,6 +365,36 @@ def test_bodies_may_touch_and_not_overlap():
         second(0.017)
 
 
+def test_a_body_bears_less_than_its_own_inertia():
+    """A box of 8 g that holds 3.2 g goes on evenly; one of 5.6 g would be thrown at metres a second."""
+
+    def pushed(density, grid):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        cube, own = Box(0.02, 0.02, 0.02), SpatialInertia.SolidBoxWithDensity(density, *[0.02] * 3)
+        box, rough = plant.AddRigidBody("box", own), CoulombFriction(0.3, 0.3)
+        plant.RegisterCollisionGeometry(box, RigidTransform(), cube, "box", rough)
+        plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.012, 0.0, 0.0]))
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        plant.Finalize()
+        told = {"dx": 4e-3, "grid": grid, "contact": {"box": "bonded"}, "precision": "float64"}
+        AddMaterial(builder, plant, scene_graph, SOFT, cube, RigidTransform(), **told)
+        simulator = Simulator(builder.Build())
+        state = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        sideways = SpatialVelocity(np.zeros(3), [0.0, 0.0, 0.05])
+        plant.SetFreeBodySpatialVelocity(state, box, sideways)
+        simulator.AdvanceTo(0.1)
+        return plant.EvalBodySpatialVelocityInWorld(state, box).translational()
+
+    assert np.linalg.norm(pushed(1000.0, "space")) < 0.05
+    for grid in GRIDS:
+        with pytest.raises(
+            ValueError, match=r"box holds 3.2 g of material, .* is 1.02 times its own"
+        ):
+            pushed(700.0, grid)
+
+
 def test_half_space_cannot_be_filled():
     with pytest.raises(ValueError, match="half-space"):
         particles(HalfSpace(), RigidTransform(), 1e-3)
