@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections import Counter
@@ -47,6 +48,14 @@ class PlainLoader(yaml.SafeLoader):
                 f"{key} is given twice in the entries from line {line} on: keep one"
             )
         return found
+
+
+# 63e3 and 1e-4, which YAML 1.1 takes for words
+PlainLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
 
 
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -17,11 +17,16 @@ def deformable_config(material: Material) -> DeformableBodyConfig:
     strain, its volumetric energy differs.
 
     Raises:
-        ValueError: a law that Drake has no model of, or no density.
+        ValueError: a law that Drake has no model of, effects, which it would leave out, or no density.
     """
     if material.law.name not in MODELS:
         raise ValueError(
             f"Drake has no deformable model of {material.law.name}; allowed are {', '.join(MODELS)}"
+        )
+    if material.effects:
+        ids = ", ".join(one.id for one in material.effects)
+        raise ValueError(
+            f"Drake's deformable bodies have no {ids}: give the material without effects"
         )
     if material.density is None:
         raise ValueError("the material states no density, which Drake's deformable bodies need")

@@ -35,7 +35,7 @@ class SensorErrors:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if min(self.noise) < 0.0 or self.bandwidth < 0.0 or not self.period > 0.0:
+        if min(self.noise, default=-1.0) < 0.0 or self.bandwidth < 0.0 or not self.period > 0.0:
             raise ValueError(
                 f"sensor noise {self.noise}, bandwidth {self.bandwidth:g} Hz, period"
                 f" {self.period:g} s: noise and bandwidth must not be negative, the period positive"

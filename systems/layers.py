@@ -2,7 +2,7 @@
 
 import dataclasses
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.abc import Traversable
 from importlib.resources import files
 from pathlib import Path
@@ -30,6 +30,14 @@ def named() -> list[str]:
     return sorted(set(contents) - parents)
 
 
+def layered(name: str, changes: Sequence[str]) -> dict[str, Any]:
+    """What a scenario holds with all that it inherits and the changes; see ``inherited`` and ``change``."""
+    content = inherited(name, Path.cwd())
+    for told in changes:
+        change(content, told)
+    return rooted(content, Path.cwd())
+
+
 def inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
     """What a file holds, on top of what it inherits.
 
@@ -50,12 +58,25 @@ def inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
             raise ValueError(
                 f"no scenario {name!r}: choose from {', '.join(named())}, or name a .yaml file"
             )
-    content = read_mapping(path)
+    content = rooted(read_mapping(path), path.parent)
     parent = content.pop("inherits", None)
     if parent is None:
         return content
     base = inherited(str(parent), path.parent, depth + 1)
     return _merged(base, content)
+
+
+def rooted(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A scenario's entries with the files and folders in them named from the root; they were from ``folder``."""
+
+    def at(told: Any) -> Any:
+        local = isinstance(told, str) and told and "://" not in told
+        return str((folder / told).resolve()) if local else told
+
+    content |= {key: at(content[key]) for key in ("arm", "cell") if key in content}
+    if isinstance(packages := content.get("packages"), dict):
+        content["packages"] = {name: at(told) for name, told in packages.items()}
+    return content
 
 
 def _merged(base: Any, over: Any) -> Any:

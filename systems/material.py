@@ -53,6 +53,9 @@ class MaterialSystem(LeafSystem):
         touching: what touches them.
         period: [s].
         settle: rate [1/s] at which velocities decay, and the time [s] until which they do.
+
+    Raises:
+        ValueError: one of these is negative.
     """
 
     def __init__(
@@ -64,6 +67,8 @@ class MaterialSystem(LeafSystem):
         settle: tuple[float, float] = (0.0, 0.0),
     ):
         super().__init__()
+        if not min(settle) >= 0.0:
+            raise ValueError(f"settle: rate [1/s] and time [s] must not be negative, got {settle}")
         self.scene, self.touching = scene, tuple(touching)
         self.period, self._settle = period, settle
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
@@ -113,16 +118,22 @@ class MaterialSystem(LeafSystem):
         )
 
     def _check(self, context: Context, state: State) -> EventStatus:
-        """Refuse tools that start inside of material.
+        """Refuse tools that start inside of material, or elsewhere than where they hold it.
 
         Raises:
             ValueError: names them and says how deep.
         """
         if self.snapshot(context).state.step == 0:
-            deep = self.scene.overlaps(self.motions(context))
+            motions = self.motions(context)
+            deep, astray = self.scene.overlaps(motions), self.scene.astray(motions)
             if deep:
                 told = ", ".join(f"{name} by {1e3 * depth:.2g} mm" for name, depth in deep.items())
                 raise ValueError(f"material overlaps at the start: {told}; move one of them away")
+            if astray:
+                raise ValueError(
+                    f"{', '.join(astray)} is bonded where the plant's defaults put it, and starts"
+                    " elsewhere: set these before AddMaterial, or choose grid space"
+                )
         return EventStatus.DidNothing()
 
     def _advance(self, context: Context, state: State) -> EventStatus:

@@ -31,8 +31,9 @@ class Replay:
     Attributes:
         recording: the measured one with points, pose and force replaced by the predicted ones.
         shape_rms: root mean square distance of the points [m].
-        force_rms: root mean square of the force's error as a share of the largest measured force.
-        peak_error: error of the largest force as a share of it.
+        force_rms: root mean square of the force's error as a share of the largest measured force; not a
+            number where none was measured.
+        peak_error: error of the largest force as a share of it, likewise.
     """
 
     recording: Recording
@@ -208,16 +209,16 @@ def _shifted(X: RigidTransform, by: np.ndarray) -> RigidTransform:
 
 def _compared(recording: Recording, predicted: Recording, tool: str) -> Replay:
     force, measured = predicted.forces[tool], recording.forces[tool]
-    size = np.linalg.norm(measured.value, axis=1)
+    largest = float(np.linalg.norm(measured.value, axis=1).max()) or np.nan
     felt = np.stack([np.interp(measured.time, force.time, f) for f in force.value.T], axis=1)
     error = np.linalg.norm(felt - measured.value, axis=1)
     away = predicted.p_WQ - recording.p_WQ
     if recording.valid is not None:
         away = away[recording.valid]
-    peak = float(np.linalg.norm(felt, axis=1).max() / size.max() - 1.0)
+    peak = float(np.linalg.norm(felt, axis=1).max() / largest - 1.0)
     return Replay(
         predicted,
         float(np.sqrt((away**2).sum(axis=-1).mean())),
-        float(np.sqrt(np.mean(error**2)) / size.max()),
+        float(np.sqrt(np.mean(error**2)) / largest),
         peak,
     )

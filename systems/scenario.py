@@ -14,7 +14,7 @@ from form_drake.laws import Law, law_named
 from form_drake.laws.values import check_moduli, checked_values, finite
 from form_drake.material import Acting, Material
 from form_drake.systems.force import SensorErrors
-from form_drake.systems.layers import change, check, inherited
+from form_drake.systems.layers import check, layered
 from form_drake.systems.panda import PandaDriver
 from form_drake.systems.sensible import parameters, sensible
 
@@ -230,8 +230,9 @@ class Scenario:
 
     Attributes:
         name: of the scenario.
-        arm: model directives of the arm, a ``package://`` name or a file: the Panda of this package, or
-            ``package://form_drake/panda/drake_models.dmd.yaml`` for that of Drake's models.
+        arm: model directives of the arm, a ``package://`` name or a file, named from that of the scenario:
+            the Panda of this package, or ``package://form_drake/panda/drake_models.dmd.yaml`` for that of
+            Drake's models.
         cell: model directives of tools and stands, likewise.
         packages: folders of further packages by name, such as ``drake_models``.
         panda: driver of the arm.
@@ -318,9 +319,7 @@ def scenario_text(name: str | Path, changes: Sequence[str] = (), *, hidden: bool
     Raises:
         ValueError: see ``load_scenario``.
     """
-    content = inherited(str(name), Path.cwd())
-    for told in changes:
-        change(content, told)
+    content = layered(str(name), changes)
     content.setdefault("name", Path(str(name)).stem)
     check(Scenario, content, "")
     contact = content.get("specimen", {}).get("contact", {})

@@ -1,6 +1,7 @@
 """Numbers and names of a scenario that no station can have, and what nobody would read."""
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,15 +24,9 @@ def parameters(law: Law) -> tuple[str, ...]:
 def sensible(scenario: "Scenario") -> None:
     """Refuse numbers that no station can have."""
     specimen, solver, measure = scenario.specimen, scenario.solver, scenario.measure
-    positive = {
-        "solver.dx": solver.dx,
-        "solver.period": solver.period,
-        "solver.mass_scale": solver.mass_scale,
-        "measure.rate": measure.rate,
-    }
-    for name, value in positive.items():
-        if not 0.0 < value < math.inf:
-            raise ValueError(f"{name}: a positive number is wanted, got {value}")
+    name = scenario.name
+    if Path(name).name != name or name in ("", ".."):
+        raise ValueError(f"name: that of a folder in runs is wanted, got {name!r}")
     triples = {
         "specimen.size": specimen.size,
         "specimen.p_WM": specimen.p_WM,
@@ -41,7 +36,21 @@ def sensible(scenario: "Scenario") -> None:
     for name, values in triples.items():
         if len(values) != 3 or not all(math.isfinite(v) for v in values):
             raise ValueError(f"{name}: three numbers are wanted, got {values}")
+    positive = {
+        "specimen.size": min(specimen.size),
+        "solver.dx": solver.dx,
+        "solver.period": solver.period,
+        "solver.mass_scale": solver.mass_scale,
+        "measure.rate": measure.rate,
+    }
+    for name, value in positive.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name}: a positive number is wanted, got {value}")
     positive_or_zero = {
+        **{f"specimen.clamped.{face}": length for face, length in specimen.clamped.items()},
+        "solver.damping": solver.damping,
+        "solver.settle": solver.settle,
+        "solver.room": min(solver.room),
         "measure.points": measure.points,
         "measure.noise": measure.noise,
         "measure.seed": measure.seed,

@@ -33,6 +33,28 @@ def solid(shape: Shape, spacing: float) -> Solid:
     Raises:
         ValueError: another shape, or a mesh file that holds no closed surface.
     """
+    exact = _exact(shape)
+    if exact is not None:
+        return exact
+    made = _surface(shape)
+    made.merge_vertices()
+    if not made.is_watertight:
+        raise ValueError(f"{type(shape).__name__}: its surface must be closed to touch material")
+    return Solid.mesh(made.vertices, made.faces, spacing)
+
+
+def edges(shape: Shape) -> np.ndarray:
+    """Edge lengths of the box along its frame that a shape fills [m], shape [3].
+
+    Raises:
+        ValueError: as of ``solid``.
+    """
+    exact = _exact(shape)
+    return np.asarray(_surface(shape).extents if exact is None else 2.0 * exact.reach)
+
+
+def _exact(shape: Shape) -> Solid | None:
+    """What needs no surface."""
     match shape:
         case Box():
             return Solid.box(shape.size())
@@ -42,26 +64,32 @@ def solid(shape: Shape, spacing: float) -> Solid:
             return Solid.sphere(shape.radius())
         case HalfSpace():
             return Solid.half_space()
+    return None
+
+
+def _surface(shape: Shape) -> trimesh.Trimesh:
+    match shape:
         case Capsule():
-            made = trimesh.creation.capsule(shape.length(), shape.radius(), count=[SEGMENTS] * 2)
+            return trimesh.creation.capsule(shape.length(), shape.radius(), count=[SEGMENTS] * 2)
         case Ellipsoid():
             made = trimesh.creation.icosphere(subdivisions=5)
-            made.apply_scale([shape.a(), shape.b(), shape.c()])
+            return made.apply_scale([shape.a(), shape.b(), shape.c()])
         case Mesh() | Convex():
-            made = _loaded(shape)
-        case _:
-            raise ValueError(f"a {type(shape).__name__} cannot touch material")
-    made.merge_vertices()
-    if not made.is_watertight:
-        raise ValueError(f"{type(shape).__name__}: its surface must be closed to touch material")
-    return Solid.mesh(made.vertices, made.faces, spacing)
+            return _loaded(shape)
+    raise ValueError(f"a {type(shape).__name__} cannot touch material")
 
 
 def _loaded(shape: Mesh | Convex) -> trimesh.Trimesh:
-    source = shape.source()
+    name, source = type(shape).__name__, shape.source()
     if not source.is_path():
-        raise ValueError(f"{type(shape).__name__}: its mesh must be a file to touch material")
-    made = trimesh.load(Path(source.path()), force="mesh", process=True)
+        raise ValueError(f"{name}: its mesh must be a file to touch material")
+    path = Path(source.path())
+    try:
+        made = trimesh.load(path, force="mesh", process=True)
+    except NotImplementedError:
+        raise ValueError(f"{name}: {path.name} is of a kind that is not read: take .obj") from None
+    if path.suffix.lower() == ".gltf":  # y is up in such a file, z in Drake
+        made.apply_transform(trimesh.transformations.rotation_matrix(0.5 * np.pi, [1, 0, 0]))
     made.apply_scale(np.asarray(shape.scale3()).ravel())
     return made.convex_hull if isinstance(shape, Convex) else made
 

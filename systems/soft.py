@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import SceneGraph, Shape
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.effects import CATALOGUE, Effect, World
@@ -18,66 +18,21 @@ from form_drake.material import Material
 from form_drake.mpm.bodies import block, by_material, filled
 from form_drake.mpm.exchange import Scene
 from form_drake.mpm.model import Body
-from form_drake.mpm.tools import Motions, Tool
-from form_drake.systems.material import PERIOD, MaterialSystem, Touching
-from form_drake.systems.shapes import friction, solid
+from form_drake.systems.material import PERIOD, MaterialSystem
+from form_drake.systems.shapes import edges, solid
+from form_drake.systems.touching import (
+    Contact,
+    bearable,
+    default_motions,
+    reaches,
+    rubbing,
+    touching,
+)
 
 MOST_PARTICLES = 2_000_000
 ROOM = 1.0  # of a body's longest edge, left around it by default
 
-Contact = float | Literal["stick", "bonded"]
 GRIDS = ("rest", "space")
-
-
-def touching(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    bodies: Sequence[RigidBody] | None,
-    contact: Mapping[str, Contact],
-    spacing: float,
-) -> list[Touching]:
-    """The collision geometries of some bodies of a plant, or of all.
-
-    Raises:
-        ValueError: a contact is stated for a body that has no collision geometry, or a shape that
-            cannot touch material.
-    """
-    inspector = scene_graph.model_inspector()
-    if bodies is None:
-        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
-    found = []
-    for body in bodies:
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            name = body_name(plant, body)
-            stated = contact.get(name, friction(inspector, geometry))
-            shape = solid(inspector.GetShape(geometry), spacing)
-            tool = Tool(inspector.GetName(geometry), shape, stated)
-            X_BG = inspector.GetPoseInFrame(geometry)
-            found.append(Touching(body.index(), name, X_BG, tool))
-    unknown = set(contact) - {t.name for t in found}
-    if unknown:
-        raise ValueError(
-            f"contact of {', '.join(sorted(unknown))}: no such body has collision geometry; those"
-            f" that have are {', '.join(sorted({t.name for t in found})) or 'none'}"
-        )
-    return found
-
-
-def body_name(plant: MultibodyPlant, body: RigidBody) -> str:
-    """Of a body: with its model's, where bodies of several models share it."""
-    alone = plant.NumBodiesWithName(body.name()) == 1
-    return body.name() if alone else body.scoped_name().get_full()
-
-
-def _reaches(plant: MultibodyPlant, touching: Touching, region: np.ndarray) -> bool:
-    """Whether a geometry moves, or stands where material may go."""
-    body = plant.get_body(touching.body)
-    if not plant.IsAnchored(body):
-        return True
-    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), body)
-    middle = (X_WB @ touching.X_BG).inverse().multiply(region.mean(axis=0))
-    reach = 0.5 * float(np.linalg.norm(np.ptp(region, axis=0)))
-    return touching.tool.solid.within(middle, reach)
 
 
 def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -> Body:
@@ -100,6 +55,24 @@ def particles(shape: Shape, X_WM: RigidTransform, spacing: float | np.ndarray) -
     along = body.edges is not None and np.allclose(turned, np.round(turned))
     edges = np.round(turned) @ body.edges if along else None
     return Body(X_WM.multiply(body.x.T).T, body.volume, 1.0, edges)
+
+
+def _apart(
+    shapes: Sequence[Shape], poses: Sequence[RigidTransform], bodies: Sequence[Body]
+) -> None:
+    """Refuse bodies that lie in each other: on one grid they would never come apart.
+
+    Raises:
+        ValueError: a particle of one is inside of another.
+    """
+    if len(bodies) < 2:
+        return
+    for n, (shape, X_WM) in enumerate(zip(shapes, poses, strict=True)):
+        outline = solid(shape, float(np.cbrt(bodies[n].volume.min())))
+        for k, other in enumerate(bodies):
+            p_MQ = X_WM.inverse().multiply(other.x.T).T
+            if k != n and np.any(outline.distance(p_MQ) < 0.0):
+                raise ValueError(f"bodies {n} and {k} overlap: move one of them, X_WM says where")
 
 
 def over_rest(materials: Sequence[Material], grid: str) -> bool:
@@ -163,29 +136,48 @@ def acted(
     return by_material(world, body), own, world.friction
 
 
-def _rubbing(touching: Sequence[Touching], friction: float) -> list[Touching]:
-    """Geometries, those that are stated to be frictionless with a friction after all.
+def _ready(builder: DiagramBuilder, plant: MultibodyPlant, period: float) -> None:
+    """Refuse a plant to which no material can be added, as ``AddMaterial`` says."""
+    if not plant.is_finalized():
+        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
+    if plant.has_sampled_output_ports():
+        raise ValueError(
+            "the plant samples its output ports, so that wrenches would come a step late: call"
+            " plant.SetUseSampledOutputPorts(False) before Finalize()"
+        )
+    if not 0.0 < period < np.inf:
+        raise ValueError(f"period: a positive number of seconds is wanted, got {period:g}")
+    steps = period / plant.time_step() if plant.time_step() else 1.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ValueError(
+            f"period {period:g} s: one or several steps of the plant are wanted, which are"
+            f" {plant.time_step():g} s: forces of the material would act longer than they were"
+        )
+    fed = builder.connection_map()
+    if any(isinstance(to, MaterialSystem) and fed[to, n][0] is plant for to, n in fed):
+        raise ValueError("the plant has material: give all to one AddMaterial, so that it meets")
+    force = plant.get_applied_spatial_force_input_port()
+    if builder.IsConnectedOrExported(force) and (plant, force.get_index()) not in fed:
+        raise ValueError(
+            "the plant's applied_spatial_force port is an input of the diagram: feed it by a system in it"
+        )
 
-    Raises:
-        ValueError: none is.
-    """
-    smooth = [t.tool.contact == 0.0 for t in touching]
-    if friction and not any(smooth):
-        names = ", ".join(sorted({t.name for t in touching}))
-        raise ValueError(f"tool-friction: none of {names} is stated to be frictionless")
-    return [
-        replace(t, tool=replace(t.tool, contact=friction)) if own and friction else t
-        for t, own in zip(touching, smooth, strict=True)
-    ]
 
-
-def _default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Motions:
-    """Where geometries are in the plant's default Context, at rest."""
-    context = plant.CreateDefaultContext()
-    X = [plant.EvalBodyPoseInWorld(context, plant.get_body(t.body)) @ t.X_BG for t in touching]
-    p = np.array([x.translation() for x in X]).reshape(-1, 3)
-    still = Motions.at_rest(p)
-    return replace(still, R_WT=np.array([x.rotation().matrix() for x in X]).reshape(-1, 3, 3))
+def _connect(builder: DiagramBuilder, plant: MultibodyPlant, material: MaterialSystem) -> None:
+    """Connect material and plant; wrenches act beside those that another system has fed it."""
+    for name in ("body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(name), material.GetInputPort(name))
+    wrenches = material.GetOutputPort("applied_spatial_force")
+    force = plant.get_applied_spatial_force_input_port()
+    others = builder.connection_map().get((plant, force.get_index()))
+    if others is not None:
+        source, n = others
+        both = builder.AddSystem(ExternallyAppliedSpatialForceMultiplexer(2))
+        builder.Disconnect(source.get_output_port(n), force)
+        builder.Connect(source.get_output_port(n), both.get_input_port(0))
+        builder.Connect(wrenches, both.get_input_port(1))
+        wrenches = both.get_output_port()
+    builder.Connect(wrenches, force)
 
 
 def AddMaterial(
@@ -213,7 +205,8 @@ def AddMaterial(
 
     Args:
         builder: of the diagram that holds plant and scene graph.
-        plant: finalized, with ``use_sampled_output_ports`` false.
+        plant: finalized, with ``use_sampled_output_ports`` false; what already feeds its
+            ``applied_spatial_force`` goes on to act.
         scene_graph: that the plant registered its geometry with.
         material: of the soft body, or of each of several; effects act in one alone.
         shape: of it when free of stress; its frame is M.
@@ -236,28 +229,11 @@ def AddMaterial(
 
     Raises:
         ValueError: the plant is not finalized or samples its ports, its steps do not fit into the
-            period, another system already feeds its applied_spatial_force port, a stated shape,
-            contact or region does not fit, or a modulus of a material is not positive.
+            period, it has material already, or an applied_spatial_force port that is exported; a
+            number, shape, contact or region does not fit, bodies overlap, one of the plant's holds
+            more than it weighs, or a modulus is not positive.
     """
-    if not plant.is_finalized():
-        raise ValueError("AddMaterial needs a finalized plant: call plant.Finalize() before")
-    if plant.has_sampled_output_ports():
-        raise ValueError(
-            "the plant samples its output ports, so that wrenches would come a step late: call"
-            " plant.SetUseSampledOutputPorts(False) before Finalize()"
-        )
-    steps = period / plant.time_step() if plant.time_step() else 1.0
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
-        raise ValueError(
-            f"period {period:g} s: one or several steps of the plant are wanted, which are"
-            f" {plant.time_step():g} s: forces of the material would act longer than they were"
-        )
-    force = plant.get_applied_spatial_force_input_port()
-    if builder.IsConnectedOrExported(force):
-        raise ValueError(
-            "the plant's applied_spatial_force port is in use: add an"
-            " ExternallyAppliedSpatialForceMultiplexer, or give all materials to one AddMaterial"
-        )
+    _ready(builder, plant, period)
     materials, shapes, poses = (
         list(v) if isinstance(v, Sequence) else [v] for v in (material, shape, X_WM)
     )
@@ -268,19 +244,25 @@ def AddMaterial(
         )
     for one in materials:
         check_moduli(one.law, one.values)
-    edges = [np.min(2.0 * solid(s, 1e-3).reach) for s in shapes]
-    dx = float(min(edges)) / 6.0 if dx is None else dx
+    dx = float(min(edges(s).min() for s in shapes)) / 6.0 if dx is None else dx
+    for name, value in (("dx", dx), ("mass_scale", mass_scale)):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"{name}: a positive number is wanted, got {value}")
     apart = dx / _counts(per_cell)
     filled_with = [particles(s, X, apart) for s, X in zip(shapes, poses, strict=True)]
+    _apart(shapes, poses, filled_with)
     if region is None:
         x = np.concatenate([b.x for b in filled_with])
         reach = ROOM * float(np.ptp(x, axis=0).max())
         region = np.stack([x.min(axis=0) - reach, x.max(axis=0) + reach])
+    region = np.asarray(region, dtype=float)
+    if region.shape != (2, 3):
+        raise ValueError(f"region: two corners are wanted, shape [2, 3], got {region.shape}")
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
-    found = [t for t in found if _reaches(plant, t, region)]
+    found = [t for t in found if reaches(plant, t, region)]
     gravity = plant.gravity_field().gravity_vector()
     parts, acting, friction = acted(materials, filled_with, gravity, effects)
-    found = _rubbing(found, friction)
+    found = rubbing(found, friction)
     scene = Scene(
         [m for m, _ in parts],
         [b for _, b in parts],
@@ -293,10 +275,10 @@ def AddMaterial(
         precision=precision,
         device=device,
     )
-    scene.tie(_default_motions(plant, found))
+    still, whole = default_motions(plant, found), scene.simulation.body
+    bearable(plant, found, still, replace(whole, x=scene.rest))
+    scene.tie(still)
     system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
     system.set_name("material")
-    for name in ("body_poses", "body_spatial_velocities"):
-        builder.Connect(plant.GetOutputPort(name), system.GetInputPort(name))
-    builder.Connect(system.GetOutputPort("applied_spatial_force"), force)
+    _connect(builder, plant, system)
     return system

@@ -28,7 +28,8 @@ from form_drake.systems.force import Sensor, ToolForce
 from form_drake.systems.material import MaterialSystem
 from form_drake.systems.panda import add_panda, apply_panda
 from form_drake.systems.scenario import Scenario
-from form_drake.systems.soft import AddMaterial, Contact, body_name
+from form_drake.systems.soft import AddMaterial
+from form_drake.systems.touching import Contact, body_name
 from form_drake.systems.viewer import View, add_viewer
 
 ARM = "panda"

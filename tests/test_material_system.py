@@ -6,20 +6,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import Value
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Mesh, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from form_drake.laws import LAWS
-from form_drake.material import Material, read_material
+from form_drake.material import Acting, Material, read_material
 from form_drake.systems.arm import add_package
 from form_drake.systems.deformable import deformable_config
-from form_drake.systems.shapes import solid
+from form_drake.systems.shapes import edges, solid
 from form_drake.systems.soft import GRIDS, AddMaterial, over_rest, particles
 
 G = np.array([0.0, 0.0, -9.81])
@@ -30,7 +37,16 @@ SOFT = Material(LAWS["fixed-corotated"], {"mu": 30e3, "lam": 45e3}, density=1000
 
 
 def on_the_floor(
-    *, drop=0.0, sampled=False, finalize=True, floor=None, twin=False, step=STEP, arm=0.0, **options
+    *,
+    drop=0.0,
+    sampled=False,
+    finalize=True,
+    floor=None,
+    twin=False,
+    step=STEP,
+    arm=0.0,
+    fed=lambda builder, plant: None,
+    **options,
 ):
     """A soft cube on a floor under a falling ball, in a plant of its own."""
     builder = DiagramBuilder()
@@ -50,6 +66,7 @@ def on_the_floor(
         plant.SetDefaultFloatingBaseBodyPose(second, RigidTransform([0.2, 0.0, 0.2]))
     if finalize:
         plant.Finalize()
+    fed(builder, plant)
     options = {"dx": 5e-3, "precision": "float64"} | options
     X_WM = RigidTransform([0.0, 0.0, EDGE / 2])
     cube = Box(EDGE, EDGE, EDGE)
@@ -71,6 +88,44 @@ def momentum(simulator, plant, system):
     own = plant.GetMyContextFromRoot(context)
     ball = plant.EvalBodySpatialVelocityInWorld(own, plant.GetBodyByName("ball"))
     return soft, MASS * ball.translational()
+
+
+def with_a_soft_ball(builder, plant):
+    """Material of the plant before."""
+    scene_graph = builder.GetSubsystemByName("scene_graph")
+    AddMaterial(
+        builder, plant, scene_graph, SOFT, Sphere(0.01), RigidTransform([0.1, 0.0, 0.1]), dx=5e-3
+    )
+
+
+def exported(builder, plant):
+    """The port of its forces leads out of the diagram."""
+    builder.ExportInput(plant.get_applied_spatial_force_input_port(), "forces")
+
+
+def lifted(builder, plant):
+    """Another system bears the ball's weight."""
+    force = ExternallyAppliedSpatialForce()
+    force.body_index = plant.GetBodyByName("ball").index()
+    force.F_Bq_W = SpatialForce(np.zeros(3), -MASS * G)
+    source = builder.AddSystem(
+        ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([force]))
+    )
+    builder.Connect(source.get_output_port(), plant.get_applied_spatial_force_input_port())
+
+
+def test_forces_of_another_system_act_beside_those_of_the_material():
+    """What bears the ball's weight goes on to, and the floor feels its push."""
+    simulator, plant, system = on_the_floor(fed=lifted)
+    simulator.AdvanceTo(0.03)
+    soft, ball = momentum(simulator, plant, system)
+    assert ball == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(soft).max() > 0.0
+    own = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    down = SpatialVelocity(np.zeros(3), [0.0, 0.0, -0.2])
+    plant.SetFreeBodySpatialVelocity(own, plant.GetBodyByName("ball"), down)
+    simulator.AdvanceTo(0.06)
+    assert momentum(simulator, plant, system)[1][2] > -0.1 * MASS  # the cube stops it
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -202,6 +257,49 @@ def test_convex_hull_of_a_file(tmp_path):
     assert made.distance(np.array(inside))[0] < 0 < made.distance(np.array(outside))[0]
 
 
+def test_a_gltf_file_stands_as_in_drake(tmp_path):
+    """Its y is up, Drake's z."""
+    made = trimesh.creation.box((0.02, 0.03, 0.06))
+    made.apply_translation([0.01, 0.02, 0.05])
+    for name, content in made.scene().export(file_type="gltf").items():
+        (tmp_path / name).write_bytes(content)
+    mesh = Mesh(str(tmp_path / "model.gltf"), np.array([1.0, 2.0, 3.0]))
+    hull = mesh.GetConvexHull()
+    corners = np.array([hull.vertex(n) for n in range(hull.num_vertices())])
+    assert edges(mesh) == pytest.approx(np.ptp(corners, axis=0))
+    middle = corners.mean(axis=0)
+    ends = np.concatenate([0.99 * (corners - middle), 1.05 * (corners - middle)]) + middle
+    inside = solid(mesh, 2.5e-3).distance(ends) < 0.0
+    assert inside.tolist() == [True] * len(corners) + [False] * len(corners)
+
+
+def test_a_soft_mesh_may_be_large_and_off_its_origin(tmp_path):
+    """Its default grid is that of a box of its size."""
+    path = str(tmp_path / "base.obj")
+    made = trimesh.creation.box((0.4, 0.3, 0.3))
+    made.apply_translation([0.0, 0.0, 0.15])
+    made.export(path)
+    spacings = []
+    for shape, X_WM in ((Mesh(path), RigidTransform()), (Box(0.4, 0.3, 0.3), RigidTransform())):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        plant.Finalize()
+        soft = AddMaterial(builder, plant, scene_graph, SOFT, shape, X_WM)
+        spacings.append(soft.scene.simulation.solver.dx)
+    assert spacings == pytest.approx([0.05, 0.05])
+
+
+def test_a_mesh_that_cannot_be_used_is_named(tmp_path):
+    (tmp_path / "a.vtk").touch()
+    with pytest.raises(ValueError, match=r"a.vtk is of a kind that is not read: take .obj"):
+        solid(Mesh(str(tmp_path / "a.vtk")), STEP)
+    large = tmp_path / "large.obj"
+    trimesh.creation.box((2.0, 2.0, 2.0)).export(large)
+    with pytest.raises(ValueError, match=r"body world: .* at most .* leave it out of bodies"):
+        on_the_floor(floor=Mesh(str(large)))
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -209,11 +307,22 @@ def test_convex_hull_of_a_file(tmp_path):
         ({"finalize": False}, "Finalize"),
         ({"contact": {"plate": 0.1}}, "plate"),
         ({"drop": -0.005}, "ball by 3.9 mm"),
+        (
+            {"contact": {"ball": "bonded"}, "grid": "rest"},
+            "ball is bonded where .* starts elsewhere",
+        ),
         ({"region": np.array([[-0.01] * 3, [0.01] * 3])}, "enlarge the region"),
         ({"grid": "time"}, "'time': choose from rest, space"),
         ({"per_cell": (2, 0, 2)}, "three whole numbers"),
         ({"step": 2.5e-3}, "period 0.001 s: one or several steps of the plant"),
         ({"step": 7e-4}, "which are 0.0007 s"),
+        ({"step": 0.0, "period": 0.0}, "period: a positive number"),
+        ({"dx": 0.0}, "dx: a positive number is wanted, got 0"),
+        ({"mass_scale": -1.0}, "mass_scale: a positive number"),
+        ({"settle": (-5.0, 0.1)}, "settle: rate .* must not be negative"),
+        ({"region": [0.0, 1.0, 1.0]}, "region: two corners are wanted"),
+        ({"fed": with_a_soft_ball}, "the plant has material: give all to one AddMaterial"),
+        ({"fed": exported}, "applied_spatial_force port is an input of the diagram"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, said):
@@ -237,6 +346,53 @@ def test_particles_stand_closer_along_an_axis_of_a_box_however_it_is_turned():
     assert 2.0 * body.half[0] == pytest.approx([1e-3, 5e-4, 1e-3])
     low, high = body.x.min(axis=0) - body.half[0], body.x.max(axis=0) + body.half[0]
     assert high - low == pytest.approx([0.004, 0.012, 0.02])
+
+
+def test_bodies_may_touch_and_not_overlap():
+    """As a body and a plant's may."""
+
+    def second(x):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        plant.Finalize()
+        shapes, places = [Box(0.02, 0.02, 0.02), Sphere(0.01)], [[0.0] * 3, [x, 0.0, 0.0]]
+        poses = [RigidTransform(RotationMatrix.MakeZRotation(np.pi / 2), p) for p in places]
+        return AddMaterial(builder, plant, scene_graph, [SOFT, SOFT], shapes, poses, dx=5e-3)
+
+    assert len(second(0.02).scene.simulation.bodies) == 2
+    with pytest.raises(ValueError, match="bodies 0 and 1 overlap: move one"):
+        second(0.017)
+
+
+def test_a_body_bears_less_than_its_own_inertia():
+    """A box of 8 g that holds 3.2 g goes on evenly; one of 5.6 g would be thrown at metres a second."""
+
+    def pushed(density, grid):
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        cube, own = Box(0.02, 0.02, 0.02), SpatialInertia.SolidBoxWithDensity(density, *[0.02] * 3)
+        box, rough = plant.AddRigidBody("box", own), CoulombFriction(0.3, 0.3)
+        plant.RegisterCollisionGeometry(box, RigidTransform(), cube, "box", rough)
+        plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.012, 0.0, 0.0]))
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        plant.Finalize()
+        told = {"dx": 4e-3, "grid": grid, "contact": {"box": "bonded"}, "precision": "float64"}
+        AddMaterial(builder, plant, scene_graph, SOFT, cube, RigidTransform(), **told)
+        simulator = Simulator(builder.Build())
+        state = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        sideways = SpatialVelocity(np.zeros(3), [0.0, 0.0, 0.05])
+        plant.SetFreeBodySpatialVelocity(state, box, sideways)
+        simulator.AdvanceTo(0.1)
+        return plant.EvalBodySpatialVelocityInWorld(state, box).translational()
+
+    assert np.linalg.norm(pushed(1000.0, "space")) < 0.05
+    for grid in GRIDS:
+        with pytest.raises(
+            ValueError, match=r"box holds 3.2 g of material, .* is 1.02 times its own"
+        ):
+            pushed(700.0, grid)
 
 
 def test_half_space_cannot_be_filled():
@@ -284,6 +440,9 @@ def test_elastic_materials_become_drakes_own():
     dough = Material(LAWS["von-mises"], {**SOFT.values, "tau_y": 1e3}, density=1000.0)
     with pytest.raises(ValueError, match="no deformable model of von-mises"):
         deformable_config(dough)
+    dragged = Material(SOFT.law, SOFT.values, 1000.0, effects=(Acting("drag", 1.0, {}),))
+    with pytest.raises(ValueError, match="have no drag: give the material without effects"):
+        deformable_config(dragged)
 
 
 def test_the_plant_of_the_readme(tmp_path, monkeypatch):

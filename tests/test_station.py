@@ -1,9 +1,13 @@
 """Scenarios and the station: typed files, ports, a short probe, what is refused."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 
+from form_drake.__main__ import main
 from form_drake.control import smooth
 from form_drake.identify import identify
 from form_drake.laws import LAWS
@@ -115,6 +119,15 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("stereo.focus=-1",), "stereo: focus: a positive number is wanted"),
         ("press_a", ("cameras={front: {rgb: false, depth: false}}",), "cameras.front: neither rgb"),
         ("press_a", ("specimen.effects=[{id: a",), "what follows = is no YAML"),
+        ("press_a", ("measure.sensor.noise=[]",), "measure.sensor: sensor noise .., bandwidth"),
+        ("press_a", ("solver.damping=-5",), "solver.damping: must not be negative, got -5"),
+        ("press_a", ("solver.settle=-1",), "solver.settle: must not be negative"),
+        ("press_a", ("solver.room=[0.01, -1, 0.01]",), "solver.room: must not be negative"),
+        ("press_a", ("specimen.clamped.z+=-0.01",), r"specimen.clamped.z\+: must not be negative"),
+        ("press_a", ("specimen.size=[0.03, 0, 0.02]",), "specimen.size: a positive number"),
+        ("press_a", ("name=.",), "name: that of a folder in runs is wanted, got '.'"),
+        ("press_a", ("name=..",), "name: that of a folder in runs"),
+        ("press_a", ("name=../elsewhere",), "name: that of a folder in runs"),
     ],
 )
 def test_bad_scenarios_are_one_line(name, change, said):
@@ -183,6 +196,35 @@ def test_a_cell_is_a_file_and_cameras_have_ports(tmp_path, monkeypatch):
     for port in ("color_image", "depth_image_32f", "image_time"):
         assert diagram.HasOutputPort(f"front.{port}")
     assert not [s for s in diagram.GetSystems() if "Lcm" in s.get_name()]
+
+
+def test_files_are_named_from_the_scenario_that_names_them(tmp_path):
+    """Wherever one is, from a scenario that inherits it, and from the one that a run leaves."""
+    cell = load_scenario("press_b").cell
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/cell.dmd.yaml").write_text(
+        f"directives: [add_directives: {{file: '{cell}'}}]\n"
+    )
+    own = {"inherits": "press_b", "cell": "cell.dmd.yaml", "packages": {"parts": "."}}
+    (tmp_path / "own/press.yaml").write_text(yaml.safe_dump(own))
+    (tmp_path / "heir.yaml").write_text("inherits: own/press.yaml\n")
+    left = tmp_path / "own/left.yaml"
+    left.write_text(scenario_text(tmp_path / "heir.yaml", hidden=True))
+    for path in (tmp_path / "heir.yaml", left):
+        scenario = load_scenario(path)
+        assert scenario.cell == str(tmp_path / "own/cell.dmd.yaml")
+        assert scenario.packages == {"parts": str(tmp_path / "own")}
+        assert planned(scenario).rows() == 7
+
+
+def test_powers_of_ten_are_numbers_in_files_as_in_changes(tmp_path):
+    path = tmp_path / "press.yaml"
+    path.write_text(
+        "inherits: press_a\nspecimen: {material: {E: 63e3}, size: [3e-2, .03E0, 25e-3]}\n"
+    )
+    specimen = load_scenario(path, ("specimen.p_WM=[5e-1, 0, 6.25e-2]",)).specimen
+    assert specimen.material["E"] == 63e3
+    assert specimen.size + specimen.p_WM == [0.03, 0.03, 0.025, 0.5, 0.0, 0.0625]
 
 
 def test_ports():
@@ -299,6 +341,26 @@ def test_replay_of_the_same_material(pressed):
     assert abs(same.peak_error) < 1e-3 and same.force_rms < 1e-3
     softer = replay(run.scenario, material.changed({"E": 60e3, "nu": 0.3}), recording)
     assert softer.peak_error == pytest.approx(-0.25, abs=0.05)
+
+
+def test_a_prediction_where_no_force_was_measured(pressed, tmp_path, monkeypatch, capsys):
+    """Has no error of it, and says so."""
+    run, recording = pressed
+    monkeypatch.chdir(tmp_path)
+    force = recording.forces["press_plate"]
+    none = replace(force, value=np.zeros_like(force.value))
+    write_recording(replace(recording, forces={"press_plate": none}), tmp_path / "recording.h5")
+    (tmp_path / "scenario.yaml").write_text(
+        scenario_text("press_b", (*COARSE, "solver.settle=0.05"))
+    )
+    run.scenario.specimen.made().write(tmp_path / "dough.yaml")
+    told = ["predict", "dough.yaml", "recording.h5"]
+    assert main([*told, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["shape_rms"] < 1e-6
+    assert found["force_rms"] is None and found["peak_error"] is None
+    assert main(told) == 0
+    assert "rms, no force was measured, driven by pose" in capsys.readouterr().out
 
 
 def test_replay_driven_by_force(pressed):

@@ -181,15 +181,18 @@ class Predict:
                 effects=self._catalogue,
                 progress=lambda *_: bar.update(),
             )
-        errors = {
+        errors: dict[str, float | None] = {
             "shape_rms": found.shape_rms,
             "force_rms": found.force_rms,
             "peak_error": found.peak_error,
         }
+        force = f"force {100 * found.force_rms:.3g} % rms and {100 * found.peak_error:+.3g} % at its peak"
+        if np.isnan(found.force_rms):
+            errors |= {"force_rms": None, "peak_error": None}
+            force = "no force was measured"
         text = (
-            f"{self.recording.name}: shape {1e3 * found.shape_rms:.3g} mm rms, force"
-            f" {100 * found.force_rms:.3g} % rms and {100 * found.peak_error:+.3g} % at its peak,"
-            f" driven by {self.drive}"
+            f"{self.recording.name}: shape {1e3 * found.shape_rms:.3g} mm rms, {force}, driven by"
+            f" {self.drive}"
         )
         return found.recording, self._named(material) | errors | {"drive": self.drive}, text
 

@@ -44,6 +44,19 @@ def rigid_velocity(x: np.ndarray, v: ArrayLike, omega: ArrayLike) -> np.ndarray:
     return np.asarray(v) + np.cross(np.asarray(omega), x - x.mean(axis=0))
 
 
+def spatial_inertia(mass: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Of particles about a point, rotation above translation, shape [6, 6].
+
+    Args:
+        mass: of the particles [kg], shape [particles].
+        r: their places from the point [m], shape [particles, 3].
+    """
+    turned = np.cross(np.eye(3), r[:, None])  # by a rate about each axis
+    moved = np.concatenate([turned, np.tile(np.eye(3), (len(r), 1, 1))], axis=1)
+    found: np.ndarray = np.einsum("n,nai,nbi->ab", mass, moved, moved)
+    return found
+
+
 def filled(solid: Solid, size: Sequence[float], spacing: float, density: float) -> Body:
     """A solid filled by a cubic lattice, its volume shared out evenly.
 

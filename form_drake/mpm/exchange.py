@@ -14,6 +14,7 @@ from form_drake.mpm.tools import Motions, Tool
 from form_drake.records.solver import Gradient, Solver
 
 TOUCH = 0.02  # of a particle's radius, within which bodies merely touch a tool
+ASTRAY = 0.02  # of a cell, and in radians, from which on a tool is not where it holds a body
 EDGE = 3  # cells of the grid beyond the region that particles may visit
 REST = 1  # of a grid over the rest shape, which none ever leaves
 
@@ -147,9 +148,22 @@ class Scene:
             if tool.plate:
                 normal = motions.R_WT[n][:, 2]
                 faces[n] = Face.of(body.x, body.half, solver.dx, solver.nodes, normal)
-        self._untied = []
+        self._untied, self._tied = [], motions
         still = replace(motions, p_WT=motions.p_WT - self.corner)
         self.simulation.tools.tie(still, faces)
+
+    def astray(self, motions: Motions) -> list[str]:
+        """Tools that hold the body over its rest shape, and are not where they were tied to it."""
+        if not self.simulation.total or self._untied:
+            return []
+        apart = np.abs(motions.p_WT - self._tied.p_WT).max(axis=1) / self.simulation.solver.dx
+        turned = np.abs(motions.R_WT - self._tied.R_WT).max(axis=(1, 2))
+        off = np.maximum(apart, turned) > ASTRAY
+        return [
+            t.name
+            for t, away in zip(self.tools, off, strict=True)
+            if away and t.contact == "bonded"
+        ]
 
     def start(self) -> Snapshot:
         """The bodies in their rest shapes, at rest."""
