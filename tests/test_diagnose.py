@@ -415,6 +415,33 @@ def test_an_effect_of_ones_own_is_predicted(files, capsys):
     assert light - heavy == pytest.approx(0.9 * borne, rel=0.05)
 
 
+def test_a_prediction_is_compared_where_and_while_it_is_measured(files, capsys):
+    """Not at points that are lost, nor with forces that go on after the last frame."""
+    Model(LAW, TRUTH).material(1000.0).write(files / "true.yaml")
+    seen = read(files / "plain1.h5")
+    valid = np.random.default_rng(0).random((30, seen.points)) > 0.2
+    p_WQ = np.where(valid[..., None], seen.p_WQ[:30], 0.0)
+    write_recording(replace(seen, time=seen.time[:30], p_WQ=p_WQ, valid=valid), files / "part.h5")
+    made = ["--json", "--out", str(files / "q.h5")]
+    assert main(["predict", str(files / "true.yaml"), str(files / "part.h5"), *made]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["shape_rms"] < 2e-5 and told["force_rms_plate"] < 0.02
+    assert read(files / "q.h5").forces["plate"].time[-1] == pytest.approx(seen.time[29])
+
+
+def test_held_out_forces_count_among_the_frames_alone():
+    time, force = PROBE.time[:30], PROBE.forces["plate"]
+    short = replace(PROBE, time=time, p_WQ=PROBE.p_WQ[:30], noise=1e-6)
+    scenes = Scenes.of((short,), DX)
+    still = scenes.recordings[0]
+    assert still.forces["plate"].time[-1] == time[-1] < force.time[-1]
+    predicted = Predicted((still,), (still,), None)
+    loud = np.where(force.time > time[-1] + 1e-9, 5.0, 0.0)[:, None] + force.value
+    seen = replace(short, forces={"plate": Stream(force.time, loud, noise=1e-3)})
+    _, channel = Check(Scenes.of((seen,), DX), None, predicted).channels(predicted)
+    assert channel.before == 0.0 and not channel.counts
+
+
 def test_what_cannot_be_simulated_is_not_named(files):
     def breaks(scene, size, shape):
         raise ValueError("the simulation broke down")

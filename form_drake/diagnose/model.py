@@ -12,7 +12,7 @@ from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
 from form_drake.motion import body
 from form_drake.mpm.stage import Stage
-from form_drake.records import Recording
+from form_drake.records import Recording, framed
 from form_drake.workers import forkable, mapped
 
 STEP = 0.2  # of the width of a shape parameter, in differences
@@ -177,7 +177,8 @@ class Scenes:
     """The scenes of some recordings, simulated with a model.
 
     Attributes:
-        recordings: of blocks, see ``form_drake.mpm.stage.Stage``.
+        recordings: of blocks, see ``form_drake.mpm.stage.Stage``; forces among the frames, which alone are
+            simulated.
         dx: grid spacing in each [m].
         device: Warp device.
         coarser: times the spacing, for simulations that search.
@@ -196,10 +197,14 @@ class Scenes:
         device: str = "cpu",
         coarser: float = SEARCH,
     ) -> "Scenes":
-        """With a spacing [m], or ``CELLS`` cells along the least edge of each body."""
+        """With a spacing [m], or ``CELLS`` cells along the least edge of each body.
+
+        Raises:
+            ValueError: no box is stated, or no force is stamped among the frames.
+        """
         shapes = [body(r) for r in recordings]
         own = tuple(dx or float((s.high - s.low).min()) / CELLS for s in shapes)
-        return cls(recordings, own, device, coarser)
+        return cls(tuple(framed(r) for r in recordings), own, device, coarser)
 
     def only(self, chosen: Sequence[int]) -> "Scenes":
         """Some of them."""

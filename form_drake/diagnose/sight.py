@@ -19,7 +19,7 @@ from form_drake.effects import Effect, Shape
 from form_drake.identify.start import guesses
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
-from form_drake.records import Recording
+from form_drake.records import Recording, framed
 from form_drake.weak.force import measured
 
 STEP = 0.02  # of the logarithm of a modulus, in differences
@@ -227,7 +227,7 @@ def guessed(recording: Recording, law: Law, known: Values) -> Model:
     Raises:
         ValueError: no tool of which the force is measured touches the body.
     """
-    shape = body(recording)
+    recording, shape = framed(recording), body(recording)
     touched = [f for f in shape.faces if f.tool in recording.forces]
     if not touched:
         raise ValueError(
