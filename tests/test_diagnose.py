@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.diagnose import Cause, Model, Scenes, prepare
+from form_drake.diagnose import Cause, Model, Scenes, prepare, verify
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.columns import twin_of
 from form_drake.diagnose.lesser import lesser
@@ -632,6 +632,18 @@ def test_every_recording_is_looked_at_before_anything_is_simulated(
     assert main(words) == 2
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0 and f"{paths[1]}: " in said and told in said
+
+
+def test_points_of_faces_alone_are_not_read(tmp_path, monkeypatch, capsys):
+    """What is inside would be made up by the fit, and a stiffer part found in it."""
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    seen = replace(PROBE, face=np.arange(PROBE.points) % 6, noise=2e-5)
+    write_recording(seen, tmp_path / "seen.h5")
+    assert main(["diagnose", str(tmp_path / "seen.h5"), "--out", str(tmp_path / "o")]) == 2
+    assert "seen.h5: all points are stated to lie on faces" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="needs points throughout the body"):
+        prepare.probe(seen, "probe", DX)
+    verify.require_stated(seen, DX, held_back=True)  # compared, not read
 
 
 def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, capsys):

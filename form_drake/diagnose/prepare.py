@@ -48,8 +48,26 @@ def fields(recording: Recording, dx: float) -> list[Fields]:
     return [tests, *(f for f in beside if f is not None)]
 
 
+def require_throughout(recording: Recording) -> None:
+    """Refuse points of the surface alone, which leave the motion inside, and so the balance, open.
+
+    Raises:
+        ValueError: all points are stated to lie on faces.
+    """
+    if recording.on_surface:
+        raise ValueError(
+            "all points are stated to lie on faces (points/face): the balance of a diagnosis needs points"
+            " throughout the body; what faces show is compared in Python, see Sight in docs/effects.md"
+        )
+
+
 def probe(recording: Recording, name: str, dx: float, stride: float = STRIDE) -> Probe:
-    """A recording read with these fields; no symmetry is taken, since an effect may break it."""
+    """A recording read with these fields; no symmetry is taken, since an effect may break it.
+
+    Raises:
+        ValueError: points lie on faces alone, or the recording lacks what the balance needs.
+    """
+    require_throughout(recording)
     shape = body(recording)
     last = float(recording.time[-1] - recording.time[0])
     width = min(WINDOW, last)
