@@ -25,7 +25,7 @@ from form_drake.diagnose.verdict import WRONG, Found, Naming, shed
 from form_drake.diagnose.verify import Channel, Check, Predicted, there
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
-from form_drake.laws import LAWS
+from form_drake.laws import LAWS, law_named
 from form_drake.material import Material, read_material
 from form_drake.motion import body, fit_tracks
 from form_drake.mpm.tracing import between
@@ -589,6 +589,51 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
     monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(predicted=fails))
     assert told().verdict == "unnamed"
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
+
+
+@pytest.mark.parametrize(
+    ("known", "values"),
+    [
+        ({"lam": 40e3}, {"mu": 24e3, "lam": 40e3}),
+        ({"nu": 1.0 / 3.0}, {"mu": 24e3, "lam": 48e3}),
+        ({"mu": 20e3, "lam": 40e3}, {"mu": 20e3, "lam": 40e3}),
+    ],
+)
+def test_what_is_declared_as_known_stays_while_a_twin_is_fitted(known, values):
+    unknowns = Unknowns.of(LAW, known, "law")
+    model, twin = Model(LAW, TRUTH), SimpleNamespace(coordinates=lambda v: (np.zeros(0), theta))
+    theta = np.array([TRUTH["mu"], TRUTH["lam"]])
+    problem = SimpleNamespace(unknowns=unknowns, values=lambda eta: {})
+    match = Match(problem, twin, None, None, model, None)
+    assert match.valued(np.zeros(len(unknowns.keys))) == pytest.approx(TRUTH)
+    phi = match._phi
+    assert match.valued(0.2 * phi) == pytest.approx(values)
+    assert np.allclose(match.within(9.0 * phi), phi)  # twice as large, at most
+
+
+def test_a_diagnosis_begins_with_what_recordings_declare(monkeypatch):
+    told = {}
+
+    def reading(scenes, law, known):
+        told.update(known)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("form_drake.diagnose.diagnosis.read", reading)
+    seen, more = replace(PROBE, known={"lam": 40e3}, noise=2e-5), {"effects": [], "thresholds": {}}
+    for start in (None, Model(LAW, TRUTH)):
+        told.clear()
+        with pytest.raises(ValueError, match="far enough"):
+            diagnosis([seen], LAW, start=start, dx=DX, **more)
+        assert told == {"lam": 40e3}
+    with pytest.raises(
+        ValueError, match="the material has lam 42000, the recordings declare 40000"
+    ):
+        diagnosis([seen], LAW, start=Model(LAW, START), dx=DX, **more)
+
+
+def test_constants_that_nothing_finds_are_asked_for_where_they_can_be_stated():
+    with pytest.raises(ValueError, match="needs given values for n: state them in a --material"):
+        prepare.read(None, law_named(f"{LAW.name}+rate-dependence"), {})
 
 
 BAD = {  # what recordings lack, and what is said

@@ -158,7 +158,7 @@ class Model:
 def firm(
     law: Law, values: Values, known: Collection[str] = (), share: float = FIRM
 ) -> dict[str, float]:
-    """Values whose bulk modulus is ``share`` of the shear modulus at least, ``known`` ones kept.
+    """Values whose bulk modulus is ``share`` of the shear modulus at least, ``known`` ones kept, nu too.
 
     A law that lacks an effect may come nearest to data with a body that widens as it is pulled,
     about which no other effect is judged rightly.
@@ -166,7 +166,7 @@ def firm(
     found, (K, G) = dict(values), law.moduli(values)
     for term in law.terms:
         bulk, shear = law.moduli({k: float(k == term.key) for k in values})
-        if bulk > 0.0 == shear and term.key not in known and K < share * G:
+        if bulk > 0.0 == shear and not {term.key, "nu"} & {*known} and K < share * G:
             found[term.key] += (share * G - K) / bulk
             break
     return found
