@@ -1,8 +1,8 @@
 """What is believed of a specimen, and the recordings that it would give."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -249,25 +249,5 @@ class Scenes:
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
         stage = Stage(recording, dx, device=self.device)
         plain = Material(model.law, dict(model.values), body(recording).density)
-        world = _applied(changed, stage.world(plain), model)
-        return cast(Recording, _applied(sensed, stage.rolled(world), model))
-
-
-def failure(ids: str, error: Exception) -> ValueError:
-    """What a function of effects raises, as one line."""
-    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}, "
-    return ValueError(f"effect {ids}: {kind}{error}")
-
-
-def _applied(change: Callable[..., Any], what: Any, model: Model) -> Any:
-    """A scene or a recording with the effects of a model.
-
-    Raises:
-        ValueError: one of them fails.
-    """
-    try:
-        return change(what, model.causes)
-    except ValueError:
-        raise
-    except Exception as error:
-        raise failure(", ".join(c.effect.id for c in model.causes), error) from error
+        world = changed(stage.world(plain), model.causes)
+        return cast(Recording, sensed(stage.rolled(world), model.causes))

@@ -16,6 +16,7 @@ from form_drake.diagnose.prepare import CLEAR
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import there, tracking_noise
 from form_drake.effects import Effect, Shape
+from form_drake.effects.acting import Known, sensed
 from form_drake.identify.start import guesses
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
@@ -175,8 +176,8 @@ class Sight(Projected):
             self.known[key] = (self._rows(own) - self._still) / _trial(effect)
 
     def _sensed(self, effect: Effect, shape: Shape) -> list[Recording]:
-        assert effect.sensor is not None
-        return [effect.sensor(one, _trial(effect), shape) for one in self.made]
+        own = Known(effect, _trial(effect), shape)
+        return [sensed(one, [own]) for one in self.made]
 
     def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         if self.origin is not None:
