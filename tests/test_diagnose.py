@@ -322,6 +322,7 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
         (["plain0.h5", "--placebo", "1"], "--placebo 1: a seed of zero or more"),
         (["plain0.h5", "--holdout", "late1.h5", "--placebo", "-1"], "--placebo -1"),
         (["plain0.h5", "--effects", "empty.py"], "declares no effect"),
+        (["plain0.h5", "--material", "m.yaml", "--law", "yeoh"], "m.yaml has a law; leave out"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
@@ -648,6 +649,9 @@ BAD = {  # what recordings lack, and what is said
         "the clocks must overlap",
     ),
     "few frames": (lambda r: {"time": r.time[:4], "p_WQ": r.p_WQ[:4]}, "state noise"),
+    "no box": (lambda r: {"geometry": {}}, "geometry: shape None"),
+    "no density": (lambda r: {"density": None}, "needs the recording's density"),
+    "no sensor": (lambda r: {"forces": {"plate:scales": r.forces["plate"]}}, "comes from sensor"),
     "gravity alone": (
         lambda r: {"body_force": np.zeros(r.p_WQ.shape)},
         "states body_force",
