@@ -254,6 +254,13 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     result = blind.run_blind(drawn / "a.json", seal, out)
     assert len(result["results"]) == 10 and len(asked) == 11
     assert len({one["id"] for one in blind.verdicts(out)[1]}) == 10
+    whole = out.read_text()
+    out.write_text(whole[:-20])  # cut off in the last line
+    result = blind.run_blind(drawn / "a.json", seal, out)
+    assert len(result["results"]) == 10 and len(asked) == 12 and out.read_text() == whole
+    out.write_text(whole[:-1])  # the last line is whole
+    blind.run_blind(drawn / "a.json", seal, out)
+    assert len(asked) == 12 and out.read_text() == whole
     with pytest.raises(ValueError, match="verdicts of other probes"):
         blind.run_blind(drawn / "a.json", seal, out, probes="press")
     monkeypatch.setattr(blind, "fingerprint", lambda: "another")
@@ -337,6 +344,8 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     (tmp_path / "listed.json").write_text(
         json.dumps({n: {**t, "effects": list(t["effects"])} for n, t in truth.items()})
     )
+    (tmp_path / "twice").write_text("".join(json.dumps(lines[n]) + "\n" for n in (0, 1, 1)))
+    twice = str(tmp_path / "twice")
     sizeless, listed = str(tmp_path / "sizeless"), str(tmp_path / "listed.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
@@ -359,6 +368,7 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--score", good, "--key", str(tmp_path / "keys.json")], "no key; each"),
         (["--seal", seal, "--score", good, "--key", key], "not the key"),
         (["--seal", seal, "--score", str(tmp_path / "verdicts"), "--key", key], "no verdicts"),
+        (["--seal", seal, "--score", twice, "--key", key], f"case {name} has two verdicts"),
     ):
         with pytest.raises(SystemExit) as stop:
             sys.exit(main(["bench", "blind", *words]))

@@ -72,10 +72,19 @@ def test_a_wrong_column_is_one_line_that_names_its_effect(wrong):
         begun("frictionless", 0.3).columns(own, [{}])
 
 
-def test_a_wrong_switch_is_one_line_that_names_its_effect():
-    own = replace(CATALOGUE["drag"], id="own", world=lambda scene, size, shape: scene.none)
-    with pytest.raises(ValueError, match=r"effect own: AttributeError, .*'none'"):
-        begun("frictionless", 0.3).near(MODEL.more(own, 1.0, {}))
+@pytest.mark.parametrize(
+    ("switch", "told"),
+    [
+        (lambda what, size, shape: what.none, "AttributeError, .*'none'"),
+        (lambda what, size, shape: None, "it must return a (World|Recording), got NoneType"),
+    ],
+)
+def test_a_wrong_switch_is_one_line_that_names_its_effect(switch, told):
+    drag, match = CATALOGUE["drag"], begun("frictionless", 0.3)
+    for way in ({"world": switch}, {"world": None, "sensor": switch}):
+        own = replace(drag, id="own", **way)
+        with pytest.raises(ValueError, match=f"effect own: {told}"):
+            match.near(MODEL.more(own, 1.0, {}))
 
 
 def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):

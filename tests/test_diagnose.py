@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.diagnose import Cause, Model, Scenes, prepare
+from form_drake.diagnose import Cause, Model, Scenes, prepare, verify
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.columns import twin_of
 from form_drake.diagnose.lesser import lesser
@@ -25,7 +25,7 @@ from form_drake.diagnose.verdict import WRONG, Found, Naming, shed
 from form_drake.diagnose.verify import Channel, Check, Predicted, there
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
-from form_drake.laws import LAWS
+from form_drake.laws import LAWS, law_named
 from form_drake.material import Material, read_material
 from form_drake.motion import body, fit_tracks
 from form_drake.mpm.tracing import between
@@ -322,6 +322,7 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
         (["plain0.h5", "--placebo", "1"], "--placebo 1: a seed of zero or more"),
         (["plain0.h5", "--holdout", "late1.h5", "--placebo", "-1"], "--placebo -1"),
         (["plain0.h5", "--effects", "empty.py"], "declares no effect"),
+        (["plain0.h5", "--material", "m.yaml", "--law", "yeoh"], "m.yaml has a law; leave out"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
@@ -413,6 +414,33 @@ def test_an_effect_of_ones_own_is_predicted(files, capsys):
     heavy, light = force("plain.yaml"), force("light.yaml", *own)
     borne = 0.5 * 1000.0 * 0.02**3 * 9.81  # half of the weight hangs from the plate
     assert light - heavy == pytest.approx(0.9 * borne, rel=0.05)
+
+
+def test_a_prediction_is_compared_where_and_while_it_is_measured(files, capsys):
+    """Not at points that are lost, nor with forces that go on after the last frame."""
+    Model(LAW, TRUTH).material(1000.0).write(files / "true.yaml")
+    seen = read(files / "plain1.h5")
+    valid = np.random.default_rng(0).random((30, seen.points)) > 0.2
+    p_WQ = np.where(valid[..., None], seen.p_WQ[:30], 0.0)
+    write_recording(replace(seen, time=seen.time[:30], p_WQ=p_WQ, valid=valid), files / "part.h5")
+    made = ["--json", "--out", str(files / "q.h5")]
+    assert main(["predict", str(files / "true.yaml"), str(files / "part.h5"), *made]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["shape_rms"] < 2e-5 and told["force_rms_plate"] < 0.02
+    assert read(files / "q.h5").forces["plate"].time[-1] == pytest.approx(seen.time[29])
+
+
+def test_held_out_forces_count_among_the_frames_alone():
+    time, force = PROBE.time[:30], PROBE.forces["plate"]
+    short = replace(PROBE, time=time, p_WQ=PROBE.p_WQ[:30], noise=1e-6)
+    scenes = Scenes.of((short,), DX)
+    still = scenes.recordings[0]
+    assert still.forces["plate"].time[-1] == time[-1] < force.time[-1]
+    predicted = Predicted((still,), (still,), None)
+    loud = np.where(force.time > time[-1] + 1e-9, 5.0, 0.0)[:, None] + force.value
+    seen = replace(short, forces={"plate": Stream(force.time, loud, noise=1e-3)})
+    _, channel = Check(Scenes.of((seen,), DX), None, predicted).channels(predicted)
+    assert channel.before == 0.0 and not channel.counts
 
 
 def test_what_cannot_be_simulated_is_not_named(files):
@@ -564,6 +592,51 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
 
 
+@pytest.mark.parametrize(
+    ("known", "values"),
+    [
+        ({"lam": 40e3}, {"mu": 24e3, "lam": 40e3}),
+        ({"nu": 1.0 / 3.0}, {"mu": 24e3, "lam": 48e3}),
+        ({"mu": 20e3, "lam": 40e3}, {"mu": 20e3, "lam": 40e3}),
+    ],
+)
+def test_what_is_declared_as_known_stays_while_a_twin_is_fitted(known, values):
+    unknowns = Unknowns.of(LAW, known, "law")
+    model, twin = Model(LAW, TRUTH), SimpleNamespace(coordinates=lambda v: (np.zeros(0), theta))
+    theta = np.array([TRUTH["mu"], TRUTH["lam"]])
+    problem = SimpleNamespace(unknowns=unknowns, values=lambda eta: {})
+    match = Match(problem, twin, None, None, model, None)
+    assert match.valued(np.zeros(len(unknowns.keys))) == pytest.approx(TRUTH)
+    phi = match._phi
+    assert match.valued(0.2 * phi) == pytest.approx(values)
+    assert np.allclose(match.within(9.0 * phi), phi)  # twice as large, at most
+
+
+def test_a_diagnosis_begins_with_what_recordings_declare(monkeypatch):
+    told = {}
+
+    def reading(scenes, law, known):
+        told.update(known)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("form_drake.diagnose.diagnosis.read", reading)
+    seen, more = replace(PROBE, known={"lam": 40e3}, noise=2e-5), {"effects": [], "thresholds": {}}
+    for start in (None, Model(LAW, TRUTH)):
+        told.clear()
+        with pytest.raises(ValueError, match="far enough"):
+            diagnosis([seen], LAW, start=start, dx=DX, **more)
+        assert told == {"lam": 40e3}
+    with pytest.raises(
+        ValueError, match="the material has lam 42000, the recordings declare 40000"
+    ):
+        diagnosis([seen], LAW, start=Model(LAW, START), dx=DX, **more)
+
+
+def test_constants_that_nothing_finds_are_asked_for_where_they_can_be_stated():
+    with pytest.raises(ValueError, match="needs given values for n: state them in a --material"):
+        prepare.read(None, law_named(f"{LAW.name}+rate-dependence"), {})
+
+
 BAD = {  # what recordings lack, and what is said
     "no poses": (lambda r: {"poses": {}}, "add its poses"),
     "no faces": (lambda r: {"contact": {"z-": "bonded floor", "z+": "bonded plate"}}, "is unknown"),
@@ -576,6 +649,9 @@ BAD = {  # what recordings lack, and what is said
         "the clocks must overlap",
     ),
     "few frames": (lambda r: {"time": r.time[:4], "p_WQ": r.p_WQ[:4]}, "state noise"),
+    "no box": (lambda r: {"geometry": {}}, "geometry: shape None"),
+    "no density": (lambda r: {"density": None}, "needs the recording's density"),
+    "no sensor": (lambda r: {"forces": {"plate:scales": r.forces["plate"]}}, "comes from sensor"),
     "gravity alone": (
         lambda r: {"body_force": np.zeros(r.p_WQ.shape)},
         "states body_force",
@@ -605,6 +681,18 @@ def test_every_recording_is_looked_at_before_anything_is_simulated(
     assert main(words) == 2
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0 and f"{paths[1]}: " in said and told in said
+
+
+def test_points_of_faces_alone_are_not_read(tmp_path, monkeypatch, capsys):
+    """What is inside would be made up by the fit, and a stiffer part found in it."""
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    seen = replace(PROBE, face=np.arange(PROBE.points) % 6, noise=2e-5)
+    write_recording(seen, tmp_path / "seen.h5")
+    assert main(["diagnose", str(tmp_path / "seen.h5"), "--out", str(tmp_path / "o")]) == 2
+    assert "seen.h5: all points are stated to lie on faces" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="needs points throughout the body"):
+        prepare.probe(seen, "probe", DX)
+    verify.require_stated(seen, DX, held_back=True)  # compared, not read
 
 
 def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, capsys):

@@ -17,7 +17,7 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.prepare import probe
 from form_drake.diagnose.score import scored
 from form_drake.diagnose.search import matched
-from form_drake.effects import CATALOGUE, Effect, World
+from form_drake.effects import CATALOGUE, Effect, World, load
 from form_drake.effects.acting import known, placed
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
@@ -463,3 +463,24 @@ def test_a_body_that_gives_way_is_not_simulated():
         ValueError, match=r"bulk modulus -6666[.]67 Pa: must be positive, change mu, lam"
     ):
         Stage(recording(), DX).world(SOFT.changed({"lam": -20e3}))
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("fits=lambda law: law.nothing", "effect 'own': fits fails at law .*: AttributeError"),
+        ("shapes={'radius': ()}", "shapes of a place are x, y, z and radius, got radius"),
+        (
+            "shapes={**dict.fromkeys(('x', 'y', 'z', 'radius'), ()), 'time': (0.1, 0.2)}",
+            "got x, y, z, radius, time",
+        ),
+    ],
+)
+def test_an_effect_of_ones_own_that_cannot_be_sought_is_one_line(tmp_path, more, told):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "from form_drake.effects import Effect\n"
+        f"one = Effect('own', 'it is', '-', (0.1, 1.0), len, lambda w, c, s: w, {more})\n"
+    )
+    with pytest.raises(ValueError, match=f"{path}.*{told}"):
+        load(path, CATALOGUE)

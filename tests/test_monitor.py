@@ -95,6 +95,16 @@ def test_points_that_are_lost_raise_no_alarm(watch):
     assert watch.alarm(lost) is None
 
 
+def test_tracks_that_state_no_reference_are_held_against_the_plans(watch):
+    """Not against the first frame, in which the body has sunk under its weight."""
+    made = noisy(watch.predicted, np.random.default_rng(5))
+    assert watch.alarm(replace(made, p_reference=None)) is None
+    first = np.ones(made.p_WQ.shape[:2], bool)
+    first[0, :9] = False  # and what is lost in the first frame alone is compared
+    told = watch.excess(replace(made, p_reference=None, valid=first))["tracks"][1]
+    assert told == pytest.approx(watch.excess(replace(made, valid=first))["tracks"][1])
+
+
 def test_other_points_than_the_predicted_ones_are_refused(watch):
     few = replace(
         watch.predicted,

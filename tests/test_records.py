@@ -13,7 +13,7 @@ import pytest
 
 from form_drake import LAWS, Material, Recording, Solver, Wall, read, read_material
 from form_drake.files import whole_folder
-from form_drake.records import Camera, States, Stream, nclaw, write_recording
+from form_drake.records import Camera, States, Stream, framed, nclaw, write_recording
 
 FRAMES, POINTS = 6, 5
 
@@ -959,3 +959,15 @@ def test_a_failed_material_write_leaves_the_old_one(tmp_path):
     with pytest.raises(ValueError):
         broken.write(tmp_path / "a.yaml")
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.yaml", old)]
+
+
+def test_forces_are_framed_by_the_first_and_the_last_frame():
+    time, stamps = np.linspace(7.0, 8.0, 11), np.linspace(6.0, 9.0, 31)
+    force = Stream(stamps, np.zeros((31, 3)), noise=0.1)
+    whole = Recording.from_arrays(time, np.zeros((11, 8, 3)), forces={"plate": force})
+    framed_force = framed(whole).forces["plate"]
+    assert np.allclose(framed_force.time, time) and framed_force.noise == 0.1
+    assert len(framed_force.value) == 11
+    early = replace(whole, forces={"plate": replace(force, time=stamps - 3.0)})
+    with pytest.raises(ValueError, match="stamped 3 to 6 s, the frames 7 to 8 s: two samples"):
+        framed(early)

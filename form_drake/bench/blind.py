@@ -8,7 +8,9 @@ import hashlib
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -22,7 +24,7 @@ from form_drake.diagnose import diagnosed, thresholds
 from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.score import Score
 from form_drake.effects import CATALOGUE
-from form_drake.files import plain, read_text, target
+from form_drake.files import plain, read_text, target, write_text
 from form_drake.laws import law_named
 from form_drake.records import Recording, read
 from form_drake.workers import copies, forkable, unordered
@@ -107,7 +109,7 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """First line and results of a file of verdicts.
 
     Raises:
-        ValueError: it is not such a file.
+        ValueError: it is not such a file, or a case has two verdicts.
     """
     try:
         head, *rest = [json.loads(line) for line in read_text(path).splitlines()]
@@ -120,7 +122,21 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         and all({"id", "verdict"} <= set(one) for one in rest)
     ):
         raise ValueError(f"{path}: no verdicts of a blind bench")
+    twice = [n for n, count in Counter(one["id"] for one in rest).items() if count > 1]
+    if twice:
+        raise ValueError(f"{path}: case {twice[0]} has two verdicts or more, and one run counts")
     return head, rest
+
+
+def mended(path: Path) -> Path:
+    """A file of verdicts whose last line is whole: one that was cut off as it was written is no verdict."""
+    *lines, last = read_text(path).split("\n")
+    if last:
+        with suppress(json.JSONDecodeError):
+            json.loads(last)
+            lines.append(last)
+        write_text(path, "".join(f"{line}\n" for line in lines))
+    return path
 
 
 def run_blind(
@@ -148,7 +164,7 @@ def run_blind(
     head |= {} if probes == "all" else {"probes": probes}
     out = target(out)
     if out.is_file():
-        begun, results = verdicts(out)
+        begun, results = verdicts(mended(out))
         if begun != head:
             if begun.get("probes") != head.get("probes"):
                 raise ValueError(f"{out}: verdicts of other probes; begin another file")

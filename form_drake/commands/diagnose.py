@@ -1,6 +1,8 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,10 +65,13 @@ class Diagnose:
             )
         if not self.recording:
             raise ValueError("no recording is given: the PATH of one or more .h5 files")
+        if self.material is not None and self.law is not None:
+            raise ValueError(
+                f"--law {self.law}: {self.material} has a law; leave out --law or --material"
+            )
         effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
         recordings, holdout = (
-            [read(path).measured_by(self.force) for path in paths]
-            for paths in (self.recording, self.holdout)
+            [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
         )
         start = None
         if self.material is not None:
@@ -111,6 +116,11 @@ class Diagnose:
         words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
         return shlex.join([*words, "--out", f"{out}-next"])
 
+    def _read(self, path: Path) -> Recording:
+        recording = read(path)
+        with _about(path):
+            return recording.measured_by(self.force)
+
     def _law(self, recording: Recording) -> str:
         law = self.law or recording.law
         if law is None:
@@ -120,16 +130,28 @@ class Diagnose:
         return law
 
 
+@contextmanager
+def _about(path: Path) -> Iterator[None]:
+    """Say of which file a mistake is."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
 def _check(recordings: list[tuple[Path, Recording]]) -> None:
     """Refuse recordings of different specimens, and one motion twice.
 
     Raises:
         ValueError: see there.
     """
-    (path, first), *rest = recordings
-    shape = body(first)
-    for n, (name, other) in enumerate(rest, start=1):
-        size = body(other)
+    bodies = []
+    for path, recording in recordings:
+        with _about(path):
+            bodies.append(body(recording))
+    (path, _), *rest = recordings
+    shape, *sizes = bodies
+    for n, ((name, other), size) in enumerate(zip(rest, sizes, strict=True), start=1):
         same = np.allclose([size.low, size.high], [shape.low, shape.high], rtol=0.0, atol=1e-6)
         if not same or not np.isclose(size.density, shape.density):
             raise ValueError(
@@ -149,7 +171,5 @@ def _check_stated(recordings: list[tuple[Path, Recording]], read: int, dx: float
         ValueError: see ``require_stated``.
     """
     for n, (path, recording) in enumerate(recordings):
-        try:
+        with _about(path):
             require_stated(recording, dx, held_back=n >= read)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
+from form_drake.diagnose.verify import there
 from form_drake.effects import CATALOGUE, Effect, load
 from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder, write_json
@@ -129,9 +130,10 @@ class Predict:
         model = Model.of(material, self._catalogue)
         shape = body(recording)
         placed(model.causes, shape.low, shape.high)
-        (predicted,) = Scenes.of((recording,), device=self.device).rolled(model)
-        apart = predicted.p_WQ - recording.p_WQ
-        errors = {"shape_rms": float(np.sqrt(np.nanmean(np.sum(apart**2, axis=2))))}
+        scenes = Scenes.of((recording,), device=self.device)
+        (recording,), (predicted,) = scenes.recordings, scenes.rolled(model)
+        apart = (predicted.p_WQ - recording.p_WQ)[there(recording)]
+        errors = {"shape_rms": float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))}
         text = f"{self.recording.name}: shape {1e3 * errors['shape_rms']:.3g} mm rms"
         for tool, seen in recording.forces.items():
             size = float(np.sqrt(np.mean(np.sum(np.square(seen.value), axis=1))))

@@ -6,9 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes, failure
+from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
+from form_drake.effects.acting import failure
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
 from form_drake.motion import Body
@@ -118,7 +119,7 @@ def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:
     try:
         found = np.asarray(effect.column(reading, shape), dtype=float)
     except Exception as error:
-        raise failure(effect.id, error) from error
+        raise failure(effect, error) from error
     rows = (int(reading.probe.keep.sum()),)
     if found.shape != rows:
         raise ValueError(f"effect {effect.id}: a column of shape {found.shape}, wanted {rows}")

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Cause, Model, Scenes
@@ -13,11 +15,14 @@ from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
 from form_drake.effects import Effect
-from form_drake.laws import Law
+from form_drake.identify.stated import weak_known
+from form_drake.laws import Law, Values
 from form_drake.material import Material
 from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 from form_drake.workers import single
+
+AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,7 @@ def diagnosed(
 
     Args:
         recordings: of one specimen; the first sets the scale of its moduli by its force.
-        law: of the specimen.
+        law: of the specimen; values that the recordings declare as known stay.
         effects: a catalogue.
         thresholds: scores by effect's id that nothing missing may reach.
         start: law and values to begin with; None: identified.
@@ -195,7 +200,7 @@ def diagnosed(
 
     Raises:
         ValueError: recordings without force, or that do not state what is needed, those that are held
-            back among them.
+            back among them; or that declare other values than ``start`` has.
     """
     if not any(r.forces for r in recordings):
         raise ValueError(
@@ -204,10 +209,12 @@ def diagnosed(
         )
     for recording in holdout:
         require_stated(recording, dx, held_back=True)
+    known = weak_known(recordings, law, {})
+    if start:
+        known |= _allowed(start, known)
     scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx, device)
     progress("reading the tracks")
-    given = {k: start.values[k] for k in law.constants("given")} if start else {}
-    problem, found = read(scenes, law, given)
+    problem, found = read(scenes, law, known)
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
     without = naming.passes[0].match.model
     density = problem.probes[0].body.density
@@ -228,3 +235,19 @@ def diagnosed(
     if placebo is None:
         return told
     return replace(told, placebos=tuple(placebos(naming, check, placebo, progress)))
+
+
+def _allowed(start: Model, known: Values) -> dict[str, float]:
+    """Constants of a material that nothing finds.
+
+    Raises:
+        ValueError: it has other values than are known.
+    """
+    own = Material(start.law, dict(start.values)).parameters()
+    for key, value in known.items():
+        if not np.isclose(own[key].value, value, rtol=AGREED):
+            raise ValueError(
+                f"the material has {key} {own[key].value:g}, the recordings declare {value:g} as known: begin"
+                " with a material that agrees"
+            )
+    return {k: start.values[k] for k in start.law.constants("given")}

@@ -194,7 +194,7 @@ class Match(Projected):
     @property
     def _phi(self) -> np.ndarray:
         """The unknowns that the law is linear in."""
-        return np.array([self.model.values[k] for k in self.problem.unknowns.keys])
+        return self.problem.unknowns.phi(self.twin.coordinates(self.model.values)[1])
 
     @property
     def rest(self) -> np.ndarray:

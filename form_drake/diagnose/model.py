@@ -1,8 +1,8 @@
 """What is believed of a specimen, and the recordings that it would give."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
 from form_drake.motion import body
 from form_drake.mpm.stage import Stage
-from form_drake.records import Recording
+from form_drake.records import Recording, framed
 from form_drake.workers import forkable, mapped
 
 STEP = 0.2  # of the width of a shape parameter, in differences
@@ -158,7 +158,7 @@ class Model:
 def firm(
     law: Law, values: Values, known: Collection[str] = (), share: float = FIRM
 ) -> dict[str, float]:
-    """Values whose bulk modulus is ``share`` of the shear modulus at least, ``known`` ones kept.
+    """Values whose bulk modulus is ``share`` of the shear modulus at least, ``known`` ones kept, nu too.
 
     A law that lacks an effect may come nearest to data with a body that widens as it is pulled,
     about which no other effect is judged rightly.
@@ -166,7 +166,7 @@ def firm(
     found, (K, G) = dict(values), law.moduli(values)
     for term in law.terms:
         bulk, shear = law.moduli({k: float(k == term.key) for k in values})
-        if bulk > 0.0 == shear and term.key not in known and K < share * G:
+        if bulk > 0.0 == shear and not {term.key, "nu"} & {*known} and K < share * G:
             found[term.key] += (share * G - K) / bulk
             break
     return found
@@ -177,7 +177,8 @@ class Scenes:
     """The scenes of some recordings, simulated with a model.
 
     Attributes:
-        recordings: of blocks, see ``form_drake.mpm.stage.Stage``.
+        recordings: of blocks, see ``form_drake.mpm.stage.Stage``; forces among the frames, which alone are
+            simulated.
         dx: grid spacing in each [m].
         device: Warp device.
         coarser: times the spacing, for simulations that search.
@@ -196,10 +197,14 @@ class Scenes:
         device: str = "cpu",
         coarser: float = SEARCH,
     ) -> "Scenes":
-        """With a spacing [m], or ``CELLS`` cells along the least edge of each body."""
+        """With a spacing [m], or ``CELLS`` cells along the least edge of each body.
+
+        Raises:
+            ValueError: no box is stated, or no force is stamped among the frames.
+        """
         shapes = [body(r) for r in recordings]
         own = tuple(dx or float((s.high - s.low).min()) / CELLS for s in shapes)
-        return cls(recordings, own, device, coarser)
+        return cls(tuple(framed(r) for r in recordings), own, device, coarser)
 
     def only(self, chosen: Sequence[int]) -> "Scenes":
         """Some of them."""
@@ -244,25 +249,5 @@ class Scenes:
     def _rolled(self, recording: Recording, dx: float, model: Model) -> Recording:
         stage = Stage(recording, dx, device=self.device)
         plain = Material(model.law, dict(model.values), body(recording).density)
-        world = _applied(changed, stage.world(plain), model)
-        return cast(Recording, _applied(sensed, stage.rolled(world), model))
-
-
-def failure(ids: str, error: Exception) -> ValueError:
-    """What a function of effects raises, as one line."""
-    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}, "
-    return ValueError(f"effect {ids}: {kind}{error}")
-
-
-def _applied(change: Callable[..., Any], what: Any, model: Model) -> Any:
-    """A scene or a recording with the effects of a model.
-
-    Raises:
-        ValueError: one of them fails.
-    """
-    try:
-        return change(what, model.causes)
-    except ValueError:
-        raise
-    except Exception as error:
-        raise failure(", ".join(c.effect.id for c in model.causes), error) from error
+        world = changed(stage.world(plain), model.causes)
+        return cast(Recording, sensed(stage.rolled(world), model.causes))

@@ -8,7 +8,6 @@ import numpy as np
 from form_drake.diagnose.model import FIRM, Model, Scenes, firm
 from form_drake.identify.options import Weighed
 from form_drake.identify.problem import Problem
-from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.motion import body, fit_tracks
@@ -48,8 +47,26 @@ def fields(recording: Recording, dx: float) -> list[Fields]:
     return [tests, *(f for f in beside if f is not None)]
 
 
+def require_throughout(recording: Recording) -> None:
+    """Refuse points of the surface alone, which leave the motion inside, and so the balance, open.
+
+    Raises:
+        ValueError: all points are stated to lie on faces.
+    """
+    if recording.on_surface:
+        raise ValueError(
+            "all points are stated to lie on faces (points/face): the balance of a diagnosis needs points"
+            " throughout the body; what faces show is compared in Python, see Sight in docs/effects.md"
+        )
+
+
 def probe(recording: Recording, name: str, dx: float, stride: float = STRIDE) -> Probe:
-    """A recording read with these fields; no symmetry is taken, since an effect may break it."""
+    """A recording read with these fields; no symmetry is taken, since an effect may break it.
+
+    Raises:
+        ValueError: points lie on faces alone, or the recording lacks what the balance needs.
+    """
+    require_throughout(recording)
     shape = body(recording)
     last = float(recording.time[-1] - recording.time[0])
     width = min(WINDOW, last)
@@ -62,18 +79,28 @@ def probe(recording: Recording, name: str, dx: float, stride: float = STRIDE) ->
 def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem, Model]:
     """The problem of all recordings, and what it says of the law without a twin.
 
+    Args:
+        scenes: of the recordings.
+        law: of the specimen.
+        known: given values; ``nu`` ties mu and lam.
+
     Raises:
         ValueError: constants of the law that must be given are not, a recording lacks what the
             balance needs, or forces seem to be of the other sign.
     """
-    require_given(law.name, [k for k in law.constants("given") if k not in known])
+    missing = [k for k in law.constants("given") if k not in known]
+    if missing:
+        raise ValueError(
+            f"{law.name} needs given values for {', '.join(missing)}: state them in a --material, or in the"
+            " recordings as known"
+        )
     unknowns = Unknowns.of(law, known, "law")
     problem, few = (problem_of(scenes, unknowns, stride) for stride in (STRIDE, APART))
     balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]
     found = weighing(replace(few, probes=tuple(balance)))
     require_sign(found)
     theta = problem.unknowns.theta(found.solution.theta)
-    values = {**known, **problem.values(found.eta)}
+    values = problem.values(found.eta)
     terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}
     values = {**values, **terms}
     K, G = law.moduli(values)

@@ -16,10 +16,11 @@ from form_drake.diagnose.prepare import CLEAR
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import there, tracking_noise
 from form_drake.effects import Effect, Shape
+from form_drake.effects.acting import Known, sensed
 from form_drake.identify.start import guesses
 from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
-from form_drake.records import Recording
+from form_drake.records import Recording, framed
 from form_drake.weak.force import measured
 
 STEP = 0.02  # of the logarithm of a modulus, in differences
@@ -175,8 +176,8 @@ class Sight(Projected):
             self.known[key] = (self._rows(own) - self._still) / _trial(effect)
 
     def _sensed(self, effect: Effect, shape: Shape) -> list[Recording]:
-        assert effect.sensor is not None
-        return [effect.sensor(one, _trial(effect), shape) for one in self.made]
+        own = Known(effect, _trial(effect), shape)
+        return [sensed(one, [own]) for one in self.made]
 
     def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         if self.origin is not None:
@@ -227,7 +228,7 @@ def guessed(recording: Recording, law: Law, known: Values) -> Model:
     Raises:
         ValueError: no tool of which the force is measured touches the body.
     """
-    shape = body(recording)
+    recording, shape = framed(recording), body(recording)
     touched = [f for f in shape.faces if f.tool in recording.forces]
     if not touched:
         raise ValueError(

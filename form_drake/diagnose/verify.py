@@ -14,7 +14,7 @@ import numpy as np
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.noise import most
-from form_drake.diagnose.prepare import problem_of
+from form_drake.diagnose.prepare import problem_of, require_throughout
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
 from form_drake.motion.tracks import jitter, placed, valid_points
@@ -233,8 +233,11 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
             others are read, and held against simulations that are never exact.
 
     Raises:
-        ValueError: a face, poses, stress-free positions, a common clock or the noise are not stated.
+        ValueError: a face, poses, stress-free positions, a common clock or the noise are not stated, or
+            points to be read lie on faces alone.
     """
+    if not held_back:
+        require_throughout(recording)
     scenes = Scenes.of((recording,), dx)
     _ = scenes.spacings  # refuses faces and poses that no stage can hold
     measured(recording, 0.0, float(np.ptp(recording.time)))

@@ -1,7 +1,7 @@
 """Whether a motion still goes as predicted, asked while it goes."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -76,7 +76,8 @@ class Watch:
         """By channel, ends of windows [s] and mean squares of deviations, as a share of their limits.
 
         Args:
-            measured: so far, on the clock of the plan.
+            measured: so far, on the clock of the plan; stress-free positions that it does not state are the
+                plan's.
 
         Raises:
             ValueError: points or tools are others than the predicted ones.
@@ -109,6 +110,8 @@ class Watch:
             raise ValueError(
                 f"{measured.points} points are tracked, {self.predicted.points} are predicted"
             )
+        if measured.p_reference is None:  # the first frame is none: the body rests under its weight
+            measured = replace(measured, p_reference=self.predicted.reference)
         u, *both = (r.p_WQ - r.reference for r in (measured, self.predicted, self.coarse))
         u = np.where(there(measured)[..., None], u, np.nan)
         yield (

@@ -1,6 +1,6 @@
 """Effects with their sizes: what they make of a scene, and of what sensors record of it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -89,16 +89,43 @@ def placed(acting: Iterable[Known], low: np.ndarray, high: np.ndarray) -> None:
 
 
 def changed(world: World, acting: Iterable[Known]) -> World:
-    """A scene with the effects of the world in it."""
+    """A scene with the effects of the world in it.
+
+    Raises:
+        ValueError: one of them fails, or makes no scene.
+    """
     for one in acting:
         if one.effect.world is not None:
-            world = one.effect.world(world, one.coefficient, one.shape)
+            world = _switched(one, one.effect.world, world)
     return world
 
 
 def sensed(recording: Any, acting: Iterable[Known]) -> Any:
-    """What sensors with their effects tell of what they would record without."""
+    """What sensors with their effects tell of what they would record without.
+
+    Raises:
+        ValueError: one of them fails, or tells no recording.
+    """
     for one in acting:
         if one.effect.sensor is not None:
-            recording = one.effect.sensor(recording, one.coefficient, one.shape)
+            recording = _switched(one, one.effect.sensor, recording)
     return recording
+
+
+def _switched(one: Known, switch: Callable[[Any, float, Shape], Any], what: Any) -> Any:
+    try:
+        found = switch(what, one.coefficient, one.shape)
+    except ValueError:
+        raise
+    except Exception as error:
+        raise failure(one.effect, error) from error
+    if not isinstance(found, type(what)):
+        kind, got = type(what).__name__, type(found).__name__
+        raise ValueError(f"effect {one.effect.id}: it must return a {kind}, got {got}")
+    return found
+
+
+def failure(effect: Effect, error: Exception) -> ValueError:
+    """What a function of an effect raises, as one line."""
+    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}, "
+    return ValueError(f"effect {effect.id}: {kind}{error}")

@@ -13,6 +13,7 @@ from form_drake.laws.memory import Memory
 
 Shape = Mapping[str, float]
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+PLACE = {"x", "y", "z", "radius"}  # shape parameters of an effect that acts in a ball
 
 
 def ball(shape: Shape) -> Ball:
@@ -164,7 +165,10 @@ class Effect:
             raise ValueError(f"effect {self.id}: column or trial is wanted")
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
-
+        if "radius" in self.shapes and set(self.shapes) != PLACE:
+            raise ValueError(
+                f"effect {self.id}: shapes of a place are x, y, z and radius, got {', '.join(self.shapes)}"
+            )
         for key, values in self.shapes.items():
             if len(set(values)) < 2 and "radius" not in self.shapes:
                 raise ValueError(f"effect {self.id}: shape {key} wants two values or more")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from form_drake.effects.effect import Effect
+from form_drake.laws import LAWS
 from form_drake.laws.own import executed
 
 
@@ -16,8 +17,8 @@ def load(path: Path, catalogue: dict[str, Effect]) -> dict[str, Effect]:
         catalogue: effects that there are, by id.
 
     Raises:
-        ValueError: one line: there is no such file, it fails, declares no effect, or the id of one is
-            taken.
+        ValueError: one line: there is no such file, it fails, declares no effect, the id of one is
+            taken, or one cannot say which laws it fits.
     """
     path = Path(path).absolute()
     imported = {id(effect) for effect in catalogue.values()}
@@ -26,7 +27,20 @@ def load(path: Path, catalogue: dict[str, Effect]) -> dict[str, Effect]:
         if isinstance(thing, Effect) and id(thing) not in imported:
             if thing.id in catalogue or found.get(thing.id, thing) is not thing:
                 raise ValueError(f"{path}: effect {thing.id!r}: the id is taken")
-            found[thing.id] = thing
+            found[thing.id] = _fitting(thing, path)
     if not found:
         raise ValueError(f"{path}: declares no effect; a module-level Effect object is wanted")
     return found
+
+
+def _fitting(effect: Effect, path: Path) -> Effect:
+    """The effect, which has been asked about every law of this package."""
+    for law in LAWS.values():
+        try:
+            effect.fits(law)
+        except Exception as error:
+            kind = type(error).__name__
+            raise ValueError(
+                f"{path}: effect {effect.id!r}: fits fails at law {law.name}: {kind}: {error}"
+            ) from None
+    return effect

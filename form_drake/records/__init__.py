@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from form_drake.records.degrade import degraded, picked, restated, thinned
+from form_drake.records.degrade import degraded, framed, picked, restated, thinned
 from form_drake.records.hdf5 import read_recording, write_recording
 from form_drake.records.nclaw import read_nclaw
 from form_drake.records.recording import Camera, Recording, States, Stream
@@ -33,6 +33,7 @@ __all__ = [
     "Stream",
     "Wall",
     "degraded",
+    "framed",
     "picked",
     "read",
     "read_nclaw",

@@ -1,10 +1,12 @@
-"""Recordings made poorer on purpose: fewer frames, more noise."""
+"""Recordings made poorer on purpose: fewer frames or samples, more noise."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from form_drake.records.recording import Recording
+
+NEAR = 1e-6  # of the time from first to last frame, which clocks round
 
 
 def thinned(recording: Recording, stride: int) -> Recording:
@@ -27,6 +29,27 @@ def picked(recording: Recording, frames: np.ndarray) -> Recording:
     own = {k: getattr(recording, k) for k in rows}
     own = {k: None if v is None else v[frames] for k, v in own.items()}
     return replace(recording, states=None, **own)
+
+
+def framed(recording: Recording) -> Recording:
+    """Without the samples of forces that lie before the first frame or after the last.
+
+    What moved then is not recorded, so that no simulation of the frames tells these forces.
+
+    Raises:
+        ValueError: fewer than two samples of a force are left.
+    """
+    first, last = recording.time[[0, -1]]
+    near, forces = NEAR * (last - first), {}
+    for name, one in recording.forces.items():
+        own = (one.time >= first - near) & (one.time <= last + near)
+        if own.sum() < 2:
+            raise ValueError(
+                f"force of {name} is stamped {one.time[0]:.4g} to {one.time[-1]:.4g} s, the frames {first:.4g} to"
+                f" {last:.4g} s: two samples or more must lie among the frames"
+            )
+        forces[name] = replace(one, time=one.time[own], value=one.value[own])
+    return replace(recording, forces=forces)
 
 
 def degraded(recording: Recording, sigma: float, seed: int) -> Recording:

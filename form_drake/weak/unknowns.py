@@ -100,6 +100,13 @@ class Unknowns:
         found: np.ndarray = self.M @ phi + self.offset
         return found
 
+    def phi(self, theta: np.ndarray) -> np.ndarray:
+        """What gives coefficients theta, which what is known must allow."""
+        terms = np.argmax(np.abs(self.M), axis=0) if self.keys else np.zeros(0, dtype=int)
+        shares = self.M[terms, np.arange(len(terms))]
+        found: np.ndarray = (theta[terms] - self.offset[terms]) / shares
+        return found
+
     def radius(self, r: float) -> dict[str, float]:
         """Values of mu, lam and the yield parameter whose elastic strain is bounded by r."""
         own = {k: v for k, v in self.known.items() if k in self.law.keys}
