@@ -258,6 +258,11 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     out.write_text(whole[:-20])  # cut off in the last line
     result = blind.run_blind(drawn / "a.json", seal, out)
     assert len(result["results"]) == 10 and len(asked) == 12 and out.read_text() == whole
+    foreign = tmp_path / "notes.txt"
+    foreign.write_text("mine\nand this")  # no newline at its end
+    with pytest.raises(ValueError, match="no verdicts of a blind bench"):
+        blind.run_blind(drawn / "a.json", seal, foreign)
+    assert foreign.read_text() == "mine\nand this"
     out.write_text(whole[:-1])  # the last line is whole
     blind.run_blind(drawn / "a.json", seal, out)
     assert len(asked) == 12 and out.read_text() == whole

@@ -106,13 +106,17 @@ def sealed(path: Path) -> str:
 
 
 def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """First line and results of a file of verdicts.
+    """First line and results of a file of verdicts; a last line that was cut off is none.
 
     Raises:
         ValueError: it is not such a file, or a case has two verdicts.
     """
+    *lines, last = read_text(path).split("\n")
+    with suppress(json.JSONDecodeError):
+        json.loads(last)
+        lines.append(last)
     try:
-        head, *rest = [json.loads(line) for line in read_text(path).splitlines()]
+        head, *rest = [json.loads(line) for line in lines]
     except ValueError as error:
         raise ValueError(f"{path}: no verdicts of a blind bench: {error}") from None
     whole = all(isinstance(one, dict) for one in (head, *rest))
@@ -126,17 +130,6 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     if twice:
         raise ValueError(f"{path}: case {twice[0]} has two verdicts or more, and one run counts")
     return head, rest
-
-
-def mended(path: Path) -> Path:
-    """A file of verdicts whose last line is whole: one that was cut off as it was written is no verdict."""
-    *lines, last = read_text(path).split("\n")
-    if last:
-        with suppress(json.JSONDecodeError):
-            json.loads(last)
-            lines.append(last)
-        write_text(path, "".join(f"{line}\n" for line in lines))
-    return path
 
 
 def run_blind(
@@ -164,7 +157,7 @@ def run_blind(
     head |= {} if probes == "all" else {"probes": probes}
     out = target(out)
     if out.is_file():
-        begun, results = verdicts(mended(out))
+        begun, results = verdicts(out)
         if begun != head:
             if begun.get("probes") != head.get("probes"):
                 raise ValueError(f"{out}: verdicts of other probes; begin another file")
@@ -173,8 +166,8 @@ def run_blind(
                 f" {head['code']} and {head['seal'][:12]}: one run counts, begin another file"
             )
     else:
-        results = []
-        out.write_text(json.dumps(head) + "\n", encoding="utf-8")
+        begun, results = head, []
+    write_text(out, "".join(f"{json.dumps(one)}\n" for one in (begun, *results)))
     done = {one["id"] for one in results}
     left = [n for n in wanted if n not in done]
     fork = forkable()

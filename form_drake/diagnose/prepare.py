@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.diagnose.model import FIRM, Model, Scenes, firm
 from form_drake.identify.options import Weighed
 from form_drake.identify.problem import Problem
+from form_drake.identify.solve import require_given
 from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.motion import body, fit_tracks
@@ -89,11 +90,7 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
             balance needs, or forces seem to be of the other sign.
     """
     missing = [k for k in law.constants("given") if k not in known]
-    if missing:
-        raise ValueError(
-            f"{law.name} needs given values for {', '.join(missing)}: state them in a --material, or in the"
-            " recordings as known"
-        )
+    require_given(law.name, missing, "in a --material, or in the recordings as known")
     unknowns = Unknowns.of(law, known, "law")
     problem, few = (problem_of(scenes, unknowns, stride) for stride in (STRIDE, APART))
     balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]

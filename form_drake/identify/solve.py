@@ -32,16 +32,20 @@ class Unidentifiable(ValueError):
         return cls(keys, f"({reason}) {words}" if reason else words)
 
 
-def require_given(law: str, missing: Sequence[str]) -> None:
+def require_given(law: str, missing: Sequence[str], where: str = "") -> None:
     """Refuse to go on without the values that a law must be given.
+
+    Args:
+        law: its name.
+        missing: keys.
+        where: to state them; empty: as ``--known``.
 
     Raises:
         ValueError: ``missing`` is not empty.
     """
     if missing:
-        form = ",".join(f"{k}=VALUE" for k in missing)
-        names = ", ".join(missing)
-        raise ValueError(f"{law} needs given values for {names}: state them as --known {form}")
+        where = where or "as --known " + ",".join(f"{k}=VALUE" for k in missing)
+        raise ValueError(f"{law} needs given values for {', '.join(missing)}: state them {where}")
 
 
 def with_rounding(
