@@ -46,8 +46,8 @@ PASSES = 3  # of the weights after the first search, fewer where they no longer 
 SETTLED = 0.03  # share by which the stress may still change: weights that far off cost some thousandths of the variance
 LEANING, STILL = 12, 1e-4  # the same where stretches follow from the ratios of what is sought
 # of a row's size, by which all rows of a test field may be off alike where stress follows from a history
-# between frames: by this much exact motions of presses come out wrong, of specimens (seeds 10 to 19) that no
-# table shows
+# between frames: a choice, of the order by which exact presses of specimens that no table shows (seeds 10 to
+# 19) come out wrong
 PATH = 1e-3
 
 
