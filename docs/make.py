@@ -472,6 +472,8 @@ def with_benchmarks(text: str, results: list[dict[str, Any]]) -> str:
         name = result.get("bench", "speed" if "job" in result else None)
         if name == "speed" and result["clock"] != "CPU time":
             name = "speed-cuda"
+        if name == "probes" and not any(case.startswith("exact/") for case in result["cases"]):
+            name = "probes-dx"
         if result.get("method") == "weak":
             name = f"{name}-weak"
         if name not in TABLES:

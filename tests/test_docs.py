@@ -123,3 +123,14 @@ def test_readme_starts_with_two_commands_of_their_own():
         "sh install.sh && .venv/bin/form-drake demo\n",
         "sh install.sh test && .venv/bin/python -m pytest\n",
     ]
+
+
+def test_a_bench_of_three_grids_leaves_the_table_of_exact_tracks(make, monkeypatch):
+    monkeypatch.setitem(make.TABLES, "probes", lambda result: "all")
+    monkeypatch.setitem(make.TABLES, "probes-dx", lambda result: "grids")
+    marks = "".join(
+        f"<!-- docs/make.py: {name} -->\nold {name}\n<!-- docs/make.py: end -->\n"
+        for name in ("probes", "probes-dx")
+    )
+    page = make.with_benchmarks(marks, [{"bench": "probes", "cases": {"dx/press_a/2.5": {}}}])
+    assert "old probes\n" in page and "grids" in page and "old probes-dx" not in page
