@@ -49,6 +49,19 @@ class Views:
         every_one = ("measure.points=0", "measure.noise=0", f"measure.rate={rate}")
         return Motions(self.folder).recording(name, (*made, *every_one))
 
+    def some(self, name: str, made: tuple[str, ...], rate: float, count: int) -> Recording:
+        """Particles of the same, drawn by seed 0."""
+        from form_drake.systems.scenario import scenario_text
+
+        def drawn() -> Recording:
+            every_one = self.particles(name, made, rate)
+            rng = np.random.default_rng(0)
+            chosen = np.sort(rng.choice(every_one.points, count, replace=False))
+            p_WQ, reference = every_one.p_WQ[:, chosen], every_one.reference[chosen]
+            return replace(every_one, p_WQ=p_WQ, p_reference=reference)
+
+        return self._kept("some", f"{scenario_text(name, made)}{rate} {count}" + code(), drawn)
+
     def tracks(
         self,
         name: str,
@@ -67,13 +80,13 @@ class Views:
         from form_drake.systems.scenario import load_scenario, scenario_text
 
         left = "".join("01"[kept(n)] for n in range(FRAMES))
-        text = scenario_text(name, (*made, *look)) + left
         scenario = load_scenario(name, (*made, *look))
 
-        def moved() -> Recording:
-            return self.particles(name, made, scenario.stereo.rate)
+        def seen() -> Recording:
+            moved = self.particles(name, made, scenario.stereo.rate)
+            return _looked(scenario, moved, kept)
 
-        return self._kept(text, scenario, moved, kept)
+        return self._kept("tracks", scenario_text(name, (*made, *look)) + left + _code(), seen)
 
     def finite(self, case: str) -> tuple[Recording, dict[str, float]]:
         """Points of the face of a finite element motion, and the true values."""
@@ -91,19 +104,24 @@ class Views:
             words = ["--lattice", str(LATTICE), "--fps", f"{rate:.0f}", "--out", folder]
             hangs = ["--gravity"] * case.startswith("bend")
             oracles.run("finite_elements.py", case, *words, *hangs)
-        text = scenario_text(name) + case + digest.hexdigest()
-        found = self._kept(text, scenario, lambda: _placed(folder / case, scenario), every)
-        return found, read_mapping(truth)
 
-    def _kept(
-        self, text: str, scenario: "Scenario", moved: Callable[[], Recording], kept: Kept
-    ) -> Recording:
-        made_by = code() + code(begin=PHOTOGRAPH) + code(begin=TRACK)
-        mark = hashlib.sha256((text + made_by).encode()).hexdigest()[:16]
-        path = self.folder / f"tracks-{mark}.h5"
+        def seen() -> Recording:
+            return _looked(scenario, _placed(folder / case, scenario), every)
+
+        key = scenario_text(name) + case + digest.hexdigest() + _code()
+        return self._kept("tracks", key, seen), read_mapping(truth)
+
+    def _kept(self, kind: str, key: str, made: Callable[[], Recording]) -> Recording:
+        mark = hashlib.sha256(key.encode()).hexdigest()[:16]
+        path = self.folder / f"{kind}-{mark}.h5"
         if not path.is_file():
-            write_recording(_looked(scenario, moved(), kept), path)
+            write_recording(made(), path)
         return read(path)
+
+
+def _code() -> str:
+    """Digest of what tracks depend on beside a scenario: simulated, photographed, tracked."""
+    return code() + code(begin=PHOTOGRAPH) + code(begin=TRACK, readers=())
 
 
 def _looked(scenario: "Scenario", particles: Recording, kept: Kept) -> Recording:

@@ -45,22 +45,27 @@ class Motions:
         return read(path).measured_by("sensor")
 
 
-def code(package: Path = PACKAGE, begin: str = BEGIN) -> str:
+def code(package: Path = PACKAGE, begin: str = BEGIN, readers: tuple[str, ...] = READERS) -> str:
     """Digest of what a simulated motion depends on: modules, models, and the libraries' versions."""
     digest = hashlib.sha256()
     for name in ("drake", "numpy", "scipy", "warp-lang"):
         digest.update(f"{name} {version(name)}\n".encode())
     models = [p for p in (package / "models").resolve().rglob("*") if p.suffix in MODELS]
-    for path in (*sorted(modules(package, begin)), *sorted(models)):
+    for path in (*sorted(modules(package, begin, readers)), *sorted(models)):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-def modules(package: Path = PACKAGE, begin: str = BEGIN) -> set[Path]:
-    """Files of all modules that ``begin``, the simulation of a probe, imports, directly or not."""
+def modules(
+    package: Path = PACKAGE, begin: str = BEGIN, readers: tuple[str, ...] = READERS
+) -> set[Path]:
+    """Files of all modules that ``begin``, the simulation of a probe, imports, directly or not.
+
+    Modules in ``readers`` are left out, and what they import.
+    """
     found: dict[str, Path] = {}
     left = [begin]
-    skipped = {f"{package.name}.{name}" for name in READERS}
+    skipped = {f"{package.name}.{name}" for name in readers}
     while left:
         name = left.pop()
         place = package.joinpath(*name.split(".")[1:])
