@@ -19,11 +19,12 @@ from form_drake.identify.weak import weighed
 from form_drake.identify.worth import noise_bias
 from form_drake.laws import law_named
 from form_drake.motion import Motion, Sampling, body, fit_tracks
+from form_drake.motion.splines import Splines
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.bend_curl import BendCurlFields
 from form_drake.weak.curl import CurlFields
-from form_drake.weak.force import fast, measured
+from form_drake.weak.force import Force, fast, followed, measured
 from form_drake.weak.solve import Weights, solved
 from form_drake.weak.stress import unit_stresses
 from form_drake.weak.windows import bump, even, windows
@@ -397,6 +398,19 @@ def test_how_much_of_a_force_frames_cannot_follow(noise):
     assert fast(time, value, noise, 60.0) == pytest.approx(swings, rel=0.05)
     assert fast(time, value, noise, 200.0) < 0.02
     assert fast(time[::20], value[::20], noise, 60.0) is None
+
+
+def test_of_a_force_frames_follow_all_but_jolts():
+    time, frames = np.linspace(0.0, 1.0, 2001), np.linspace(0.0, 1.0, 61)
+    splines = Splines.uniform(0.0, 1.0, 20, 3)
+    smooth = splines.matrix(time) @ np.random.default_rng(0).standard_normal((splines.size, 3))
+    assert np.abs(followed(Force(time, smooth, 0.0), frames, splines).missed).max() < 1e-3
+    jolt = np.where(np.abs(time - 0.507) < 0.004, 1.0, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    missed = followed(Force(time, smooth + jolt, 0.0), frames, splines).missed
+    near = np.abs(time - 0.507) < 0.1
+    assert np.abs(missed[near]).max() > 0.5 and np.abs(missed[~near]).max() < 0.05
+    assert np.abs(missed[:, :2]).max() < 1e-3
+    assert followed(Force(time[::20], smooth[::20], 0.0), frames, splines).missed is None
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,21 @@ def test_rubber_that_keeps_its_volume_lacks_its_bulk_modulus_alone():
     assert answer.value == pytest.approx(1e5, abs=3.0 * answer.std) and answer.std < 500.0
 
 
+def test_a_jolt_that_frames_miss_counts_against_its_windows_alone():
+    made = pulled(kappa=2e6, noise=0.0)
+    push = made.forces["plate"]
+    fine = np.linspace(0.0, LAST, 2001)
+    force = np.stack([np.interp(fine, push.time, v) for v in push.value.T], axis=1)
+    jolt = np.where(np.abs(fine - 0.31) < 0.008, 0.2, 0.0)[:, None] * force
+    quiet, jolted = (
+        identify(replace(made, forces={"plate": Stream(fine, f)}), "neo-hookean")
+        for f in (force, force + jolt)
+    )
+    C10, found = (a.material.parameters()["C10"] for a in (quiet, jolted))
+    assert C10.value == pytest.approx(1e5, rel=1e-3)
+    assert found.value == pytest.approx(1e5, rel=1e-3) and found.std < 5.0 * C10.std
+
+
 def test_noise_hides_a_column_from_both_estimators():
     made, ends = pulled(), ((0.1, 0.5), (0.5, 0.9))
     for estimator in ("gls", "ols"):

@@ -212,6 +212,12 @@ class Problem:
         theta = theta * self.unknowns.columns
         return [p.noise(law, values, theta, lasting=True) for p in self.coarser.probes]
 
+    @property
+    def missed(self) -> list[np.ndarray]:
+        """The same from what motions miss between frames; a twin that is read alike misses as much."""
+        none = 0.0 if self.offset is not None else 1.0
+        return [none * p.missed for p in self.probes]
+
     def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same from what no track tells."""
         values, theta = self.values(eta), theta * self.unknowns.columns

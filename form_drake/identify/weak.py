@@ -25,6 +25,7 @@ from form_drake.weak.choice import (
     told_apart,
     traction_free,
     traction_free_as,
+    while_pressed,
 )
 from form_drake.weak.families import chosen_fields
 from form_drake.weak.probe import Probe
@@ -193,7 +194,7 @@ def _problem(
         if not own.ends:
             ends = chosen_windows(recording, law, own.window)
             if recording.on_surface:
-                ends = told_apart(ends, recording, fit)
+                ends = told_apart(while_pressed(ends, recording), recording, fit)
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not mirrored(fit, fields):
             # a field and its image would give one row twice
@@ -241,7 +242,8 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         free = ordinary(J, target, totals(noise, system.scale, by.error))
         by = equal
     if problem.unknowns.law.flow == "plastic":
-        true = totals(problem.lasting_noise(eta, theta), system.scale, ready.by.error)
+        lasting = _and(problem.lasting_noise(eta, theta), problem.missed)
+        true = totals(lasting, system.scale, ready.by.error)
         path = throughout(system, theta, max(ready.by.error, PATH), list(map(len, true)))
         covariance = passed_on(J, by, [t + p for t, p in zip(true, path, strict=True)])
         free = replace(free, covariance=covariance)
@@ -290,6 +292,10 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     return answer, WeakFit(problem, system, theta, residual, row_noise, by.error, removed)
 
 
+def _and(some: list[np.ndarray], others: list[np.ndarray]) -> list[np.ndarray]:
+    return [a + b for a, b in zip(some, others, strict=True)]
+
+
 def _weighted(
     problem: Problem,
 ) -> tuple[Problem, np.ndarray, Solution, Weights, list[np.ndarray]]:
@@ -308,7 +314,7 @@ def _weighted(
         before, theta = eta, problem.unknowns.theta(solution.theta)
         if problem.leans:
             problem = replace(problem, towards=theta)
-        noise = problem.noise(eta, theta)
+        noise = _and(problem.noise(eta, theta), problem.missed)
         system = problem.system(eta, theta)
         by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
         eta = searched(problem, by, eta)

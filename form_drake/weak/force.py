@@ -1,16 +1,18 @@
 """Measured tool forces as right-hand sides c_j, with their noise (eq. 9 of the paper)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
 
+from form_drake.motion.splines import Splines
 from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
 from form_drake.weak.windows import bump, trapezoid
 
 SHORTEST = 64  # samples of a force of which swings are told
 SAMPLED = 0.5  # of the time between frames, longest between samples of it
+PRESSED = 0.01  # of the largest force, above which a tool presses
 CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
@@ -23,12 +25,14 @@ class Force:
         value: f_T_W [N], shape [samples, 3].
         noise: standard deviation of one component [N], stated or estimated.
         fast: share of its rms that swings faster than half the frame rate; None: not known.
+        missed: what a motion fitted to the frames does not follow of it [N], shape of value.
     """
 
     time: np.ndarray
     value: np.ndarray
     noise: float
     fast: float | None = None
+    missed: np.ndarray | None = None
 
     def impulses(self, ends: np.ndarray) -> np.ndarray:
         """Weights w with int chi f dt = w f, shape [windows, samples].
@@ -43,6 +47,26 @@ class Force:
         held[:, 0] += found[:, : len(before)].sum(axis=1)
         held[:, -1] += found[:, len(time) - len(after) :].sum(axis=1)
         return held
+
+
+def followed(force: Force, frames: np.ndarray, splines: Splines) -> Force:
+    """The same, with what is ``missed`` of it.
+
+    A motion knows frames, and between them is what its splines in time make of these. Made of a force that
+    jolts between two frames, they err by as much as they do of the motion, as far as that goes with the force.
+
+    Args:
+        force: sampled oftener than the frames; of others nothing is told.
+        frames: stamps of those [s].
+        splines: of the motion in time.
+    """
+    step = float(np.median(np.diff(force.time))) if len(force.time) > 1 else np.inf
+    if step > SAMPLED * float(np.median(np.diff(frames))):
+        return force
+    seen = np.stack([np.interp(frames, force.time, v) for v in force.value.T], axis=1)
+    c = np.linalg.lstsq(splines.matrix(frames), seen, rcond=None)[0]
+    within = np.clip(force.time, frames[0], frames[-1])
+    return replace(force, missed=force.value - splines.matrix(within) @ c)
 
 
 def _beyond(time: np.ndarray, end: float) -> np.ndarray:
@@ -122,3 +146,12 @@ def measured(recording: Recording, first: float, last: float) -> dict[str, Force
         share = fast(time, value, spread, 1.0 / float(np.median(np.diff(recording.time))))
         found[name] = Force(time, value, spread, share)
     return found
+
+
+def pressed(recording: Recording, tool: str) -> np.ndarray:
+    """Whether a tool is pushed back, in every frame."""
+    last = float(recording.time[-1] - recording.time[0])
+    force = measured(recording, 0.0, last)[tool]
+    size = np.linalg.norm(force.value, axis=1)
+    now = np.interp(recording.time - recording.time[0], force.time, size)
+    return np.asarray(now > PRESSED * size.max())

@@ -324,6 +324,24 @@ class Probe:
             total += force.noise**2 * (rows @ rows.T)
         return total
 
+    @cached_property
+    def missed(self) -> np.ndarray:
+        """The same from what the motion misses of forces (see ``Force``), beyond their own noise.
+
+        A window whose rows would be off by some amounts, had the motion been made of the force, may be off
+        by as much, all alike, and no window tells of another.
+        """
+        left = {k: 0.0 * f.value if f.missed is None else f.missed for k, f in self.forces.items()}
+        off, noise = (
+            self.pushed(self.along(self.motion), left),
+            np.diag(self._force_noise())[self.keep],
+        )
+        window = np.flatnonzero(self.keep) // (len(self.keep) // len(self.windows))
+        together = window[:, None] == window
+        size = np.maximum(together @ off**2, np.finfo(float).tiny)
+        beyond = np.maximum(1.0 - together @ noise / size, 0.0)
+        return np.asarray(together * beyond * np.outer(off, off))
+
     def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Noise of the coefficients of the fit [m] and of the forces [N]."""
         push = {k: f.noise * rng.standard_normal(f.value.shape) for k, f in self.forces.items()}

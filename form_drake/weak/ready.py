@@ -12,7 +12,7 @@ from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Exchanged, Fields, Mirrored
-from form_drake.weak.force import measured
+from form_drake.weak.force import followed, measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
 from form_drake.weak.windows import windows
@@ -70,6 +70,8 @@ def prepared(
         if recording.gravity is None
         else np.asarray(recording.gravity, float) / recording.mass_scale
     )
+    frames = recording.time - recording.time[0]
+    forces = {k: followed(f, frames, fit.time) for k, f in measured(recording, 0.0, last).items()}
     probe = Probe(
         name,
         shape,
@@ -78,7 +80,7 @@ def prepared(
         sampled(rough, ROUGH),
         tuple(fields),
         windows(time, ends),
-        measured(recording, 0.0, last),
+        forces,
         gravity,
         usable(shape, fit, fields, ends),
         free,
