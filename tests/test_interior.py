@@ -19,7 +19,7 @@ from form_drake.material import Material
 from form_drake.motion import Sampling, body
 from form_drake.motion.body import FACES
 from form_drake.motion.space import Symmetry
-from form_drake.weak.choice import told_apart
+from form_drake.weak.choice import told_apart, while_pressed
 
 LOW, HIGH = np.array([-0.015, -0.015, 0.0]), np.array([0.015, 0.015, 0.025])
 POISSON, NOISE = 0.3, 1e-6
@@ -88,6 +88,41 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
 
+def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder():
+    """Uniaxial stress and bending along z: smooth plates keep their planes, of which one turns about y."""
+    X, time, high = on_face(0, 1), np.linspace(0.0, 1.0, 12), HIGH[2]
+
+    def bent(X, press, turn):
+        x, y, z = X.T
+        k = turn / high
+        across = POISSON * press * X * np.array([1.0, 1.0, 0.0])
+        u = [k * (z**2 + POISSON * (x**2 - y**2)) / 2, k * POISSON * x * y, -k * x * z]
+        return across - press * X * np.array([0.0, 0.0, 1.0]) + np.stack(u, axis=1)
+
+    poses = np.tile(np.eye(4), (12, 1, 1))
+    poses[:, :3, :3] = Rotation.from_rotvec(np.outer(1e-3 * time, [0, 1, 0])).as_matrix()
+    made = block(
+        np.stack([bent(X, 5e-3 * t, 1e-3 * t) for t in time]),
+        X,
+        face=1,
+        contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
+        p_reference=X,
+        forces={"plate": Stream(time, np.outer(time, [0.0, 0.0, 1.0]))},
+        poses={"plate": Stream(time, poses)},
+    )
+    looked, plain = Seen.of(made, body(made)), Resistance.plain(POISSON)
+    held = Path.of(looked, plain)
+    levelled = Path.of(looked, plain, held.friction, held)
+    inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
+    wanted = np.stack([inside + bent(inside, 5e-3 * t, 0.0) for t in time])
+    rms = []
+    for path in (held, levelled):
+        fit = path.fit()
+        motion = Sampling.of(fit, time, inside, np.ones(200), 1.0).motion(fit.c)
+        rms.append(np.sqrt(np.mean((motion.x - wanted) ** 2)))
+    assert rms[0] > 2e-6 and rms[1] < 0.5e-6
+
+
 @pytest.mark.parametrize(
     ("nu", "waves"), [(POISSON, 0.0), (POISSON, 3e-6), (0.45, 0.0)], ids=["noise", "waves", "law"]
 )
@@ -132,6 +167,24 @@ def test_windows_in_which_a_body_stands_still_count_once():
     assert 16 / 47 < middle[0] <= 0.45  # after it has begun to move
     assert middle[-1] <= 32 / 47 + 0.05  # and one after it has stopped
     assert np.allclose(np.diff(middle), 0.05)
+
+
+def test_windows_count_until_the_tool_lets_go():
+    X, time = on_face(0, 1), np.linspace(0.0, 1.0, 400)
+    push = np.where((time > 0.3) & (time < 0.62), 1.0, 0.005)  # what is left of it is no pressing
+    made = block(
+        np.zeros((48, *X.shape)),
+        X,
+        face=1,
+        contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
+        forces={"plate": Stream(time, np.outer(push, [0.0, 0.0, 1.0]))},
+    )
+    begin = np.arange(0.0, 0.9, 0.05)
+    ends = np.stack([begin, begin + 0.1], axis=1)
+    kept = while_pressed(ends, made)
+    assert kept[0, 1] == pytest.approx(0.35) and kept[-1, 1] == pytest.approx(0.6)
+    assert np.array_equal(while_pressed(ends[-3:], made), ends[-3:])  # nothing presses in any
+    assert np.array_equal(while_pressed(ends, replace(made, forces={})), ends)
 
 
 def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then():

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from form_drake.interior.rub import Rub
-from form_drake.interior.statics import Grip, Rows, Statics
+from form_drake.interior.statics import EXACT, Grip, Rows, Statics
 from form_drake.motion import Body, Face
 from form_drake.motion.poses import Poses
 from form_drake.records import Recording
-from form_drake.weak.force import measured
+from form_drake.weak.force import pressed
 
 POINTS = 10  # along each side of a face
-EXACT = 1e-6  # [m] to which a face is as its tool has it
 TINY = 1e-9  # of the largest singular value
-PRESSED = 0.01  # of the largest force, above which a tool presses
 
 
 @dataclass(frozen=True)
@@ -26,17 +24,20 @@ class Hold:
         face: of the body.
         moved: where the tool carries points of the face [m], shape [frames, points, 3]; None: not known,
             as while a tool comes nearer before it touches.
+        turned: what turns of the tool about the middle of the face add to that, shape [frames, points, 3].
         presses: whether it holds the face at all, shape [frames].
     """
 
     face: Face
     moved: np.ndarray | None
+    turned: np.ndarray
     presses: np.ndarray
 
     def at(self, frames: np.ndarray) -> "Hold":
         """In some of the frames, by their indices."""
         moved = None if self.moved is None else self.moved[frames]
-        return replace(self, moved=moved, presses=self.presses[frames])
+        turned, presses = self.turned[frames], self.presses[frames]
+        return replace(self, moved=moved, turned=turned, presses=presses)
 
     def grip(self, statics: Statics, friction: float) -> Callable[[int], Grip | None]:
         """What it does in a frame; None while it does not press.
@@ -93,12 +94,14 @@ def holds(recording: Recording, body: Body) -> list[Hold]:
     for face in body.faces:
         if face.condition not in ("bonded", "frictionless"):
             continue
+        X = body.face_points(face, POINTS)
+        moved = carried(recording, face.tool, X)
+        turned = moved - moved.mean(axis=1, keepdims=True)
         if face.tool in recording.forces:
-            found.append(Hold(face, None, pressed(recording, face.tool)))
+            found.append(Hold(face, None, turned, pressed(recording, face.tool)))
         else:
-            X = body.face_points(face, POINTS)
             always = np.ones(recording.frames, dtype=bool)
-            found.append(Hold(face, carried(recording, face.tool, X), always))
+            found.append(Hold(face, moved, turned, always))
     return found
 
 
@@ -111,12 +114,3 @@ def carried(recording: Recording, tool: str, X: np.ndarray) -> np.ndarray:
     first = np.linalg.inv(X_WT[0])
     p_TX = X @ first[:3, :3].T + first[:3, 3]
     return np.asarray(p_TX @ X_WT[:, :3, :3].swapaxes(1, 2) + X_WT[:, None, :3, 3] - X)
-
-
-def pressed(recording: Recording, tool: str) -> np.ndarray:
-    """Whether a tool is pushed back, in every frame."""
-    last = float(recording.time[-1] - recording.time[0])
-    force = measured(recording, 0.0, last)[tool]
-    size = np.linalg.norm(force.value, axis=1)
-    now = np.interp(recording.time - recording.time[0], force.time, size)
-    return np.asarray(now > PRESSED * size.max())

@@ -11,6 +11,7 @@ from form_drake.interior.newton import balanced
 from form_drake.interior.resistance import Resistance
 from form_drake.interior.statics import Held, Rows, Statics
 from form_drake.interior.surface import Seen
+from form_drake.interior.tilt import level
 from form_drake.motion import Fit
 from form_drake.motion.fit import unfollowed
 from form_drake.motion.pace import chosen_time
@@ -56,7 +57,8 @@ class Path:
             seen: what is seen of the body.
             resistance: of the material.
             friction: as of ``Path``; None: as ``friction_of`` finds it.
-            near: the path of another material, from which this one is sought; None: there is none.
+            near: the path of another material, from which this one is sought, and by which what tools add
+                that turn is told from what is seen (see ``interior.tilt``); None: there is none.
 
         Raises:
             ValueError: no motion inside passes through the points.
@@ -64,6 +66,8 @@ class Path:
         friction = friction_of(seen, resistance) if friction is None else friction
         statics = _statics(seen, resistance)
         free = _from_rest(statics, seen, friction)
+        if near:
+            free = level(free, statics, near.frames, friction)
         frames = _frames(statics, free, friction, near.frames if near else ())
         lost = sum(not frame.settled for frame in frames)
         if lost > UNSETTLED * len(frames):

@@ -22,6 +22,7 @@ from form_drake.motion import Body
 from form_drake.motion.space import Space
 from form_drake.weak.ready import halved, quadrature_cells
 
+EXACT = 1e-6  # [m] to which a face is as its tool has it
 TRUST = 1e-3  # strain to which the balance is trusted
 
 
@@ -208,13 +209,35 @@ class Statics:
 
     def slope(self, y: np.ndarray, past: Past) -> np.ndarray:
         """Derivative of the law's forces at y [m], shape [size, size], on from ``past`` [1/m^2]."""
-        _, share = self._quadrature
-        weigh, size = share[:, None, None] / TRUST**2, self.space.size
-        short = self._short  # slopes need fewer digits
-        stiff = (weigh * self.resistance.slope(np.eye(3) + self.strains(y), past)).astype(
-            np.float32
-        )
+        short, size = self._short, self.space.size  # slopes need fewer digits
+        stiff = self._stiff(y, past).astype(np.float32)
         return (short.reshape(-1, size).T @ (stiff @ short).reshape(-1, size)).astype(float)
+
+    def _stiff(self, y: np.ndarray, past: Past) -> np.ndarray:
+        """Derivative of stress by F at the points, times their shares, shape [points, 9, 9] [1/m^2]."""
+        _, share = self._quadrature
+        slope = self.resistance.slope(np.eye(3) + self.strains(y), past)
+        return np.asarray(share[:, None, None] / TRUST**2 * slope)
+
+    @cached_property
+    def unfolded(self) -> np.ndarray:
+        """Quadrature points, and of those that an exchange of axes makes alike both, shape [points, 3]."""
+        X, _ = self._quadrature
+        if not (axes := list(self.space.symmetry.exchange)):
+            return X
+        middle, other = 0.5 * (self.body.low + self.body.high), X.copy()
+        other[:, axes] = middle[axes] + (X - middle)[:, axes[::-1]]
+        return np.concatenate([X, other])
+
+    def stiff(self, y: np.ndarray, past: Past) -> np.ndarray:
+        """Derivative of stress by F at ``unfolded``, times their shares, shape [points, 9, 9] [1/m^2]."""
+        found = self._stiff(y, past)
+        if not (axes := list(self.space.symmetry.exchange)):
+            return found
+        order = np.arange(3)
+        order[axes] = axes[::-1]
+        swap = np.arange(9).reshape(3, 3)[np.ix_(order, order)].ravel()
+        return np.concatenate([found, found[:, swap][:, :, swap]]) / 2.0
 
 
 def _few(breaks: Sequence[np.ndarray], body: Body) -> list[np.ndarray]:

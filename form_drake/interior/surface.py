@@ -32,6 +32,7 @@ class Seen:
         holds: what tools and supports say.
         force: weight per volume [N/m^3], shape [3].
         bent: whether that has bent the body in the first frame, of which X is then made.
+        one_sided: mirrored axes of whose two faces one is seen.
     """
 
     body: Body
@@ -46,6 +47,7 @@ class Seen:
     holds: tuple[Hold, ...]
     force: np.ndarray
     bent: bool
+    one_sided: tuple[int, ...]
 
     @classmethod
     def of(cls, recording: Recording, body: Body, *, symmetric: bool = True) -> "Seen":
@@ -63,7 +65,7 @@ class Seen:
         stated = recording.noise
         noise = noise_of(recording.time, u, valid) if stated is None else stated
         symmetry = Symmetry.stated(str(recording.geometry.get("symmetry", "")))
-        _covered(recording, symmetry)
+        one_sided = _one_sided(recording, symmetry)
         symmetry = symmetry if symmetric else Symmetry()
         u = centred(symmetry, body, X, u)
         white = _whitening(recording, used, noise)
@@ -82,6 +84,7 @@ class Seen:
             holds=tuple(holds(recording, body)),
             force=body.density * gravity,
             bent=recording.p_reference is None and bool(gravity.any()),
+            one_sided=tuple(a for a in one_sided if a in symmetry.mirrors),
         )
 
     def undrifted(self, white: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -106,16 +109,18 @@ class Seen:
         return np.einsum("pij,fpj->fpi", self.whitening, self.u, optimize=True)
 
 
-def _covered(recording: Recording, symmetry: Symmetry) -> None:
-    """Refuse a body of which one side is never seen, and not stated to be as the other."""
+def _one_sided(recording: Recording, symmetry: Symmetry) -> list[int]:
+    """Axes of whose two faces one is seen; refused where it is not stated that the other is as that."""
     seen = set() if recording.face is None else {int(f) for f in recording.face}
-    for face in sorted(seen):
-        if face // 2 not in symmetry.mirrors and face ^ 1 not in seen:
+    alone = [face for face in sorted(seen) if face ^ 1 not in seen]
+    for face in alone:
+        if face // 2 not in symmetry.mirrors:
             axis = "xyz"[face // 2]
             raise ValueError(
                 f"face {axis}{'-+'[face % 2]} is seen and {axis}{'+-'[face % 2]} is not: track that as well,"
                 f' or state in the geometry that the motion is mirrored, as "symmetry": "{axis}"'
             )
+    return [face // 2 for face in alone]
 
 
 def _whitening(recording: Recording, used: np.ndarray, noise: float) -> np.ndarray:

@@ -24,10 +24,12 @@ class Symmetry:
     Attributes:
         mirrors: axes along which it is mirrored.
         exchange: two axes that change places; empty: none.
+        odd: mirrored axes along which a mirror turns a field into its negative.
     """
 
     mirrors: tuple[int, ...] = ()
     exchange: tuple[int, ...] = ()
+    odd: tuple[int, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.mirrors or self.exchange)
@@ -92,7 +94,8 @@ class Symmetry:
         index = np.arange(3 * scalar.size).reshape(1, *(s.size for s in scalar.axes), 3)
         sign = np.ones(index.shape)
         for a in self.mirrors:
-            turned = np.where(np.arange(3) == a, -1.0, 1.0) * sign
+            whole = -1.0 if a in self.odd else 1.0
+            turned = whole * np.where(np.arange(3) == a, -1.0, 1.0) * sign
             index = np.concatenate([index, np.flip(index, a + 1)])
             sign = np.concatenate([sign, np.flip(turned, a + 1)])
         if self.exchange:

@@ -1,0 +1,113 @@
+"""What tools that turn add to a motion that is mirrored.
+
+A tool that turns a little presses one side of a body more than the other. Where one of two mirrored faces is
+seen, that is not the mean of both. To first order, what is added is odd along the mirrored axis, and the slope
+of the law's forces on the mirrored motion tells it from the turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from form_drake.interior.faces import POINTS, Hold
+from form_drake.interior.statics import EXACT, Held, Statics
+from form_drake.interior.surface import Seen
+from form_drake.motion.space import Space, Symmetry
+from form_drake.motion.splines import Splines, Tensor
+
+CELLS, DEGREE = 2, 3  # along each axis
+TURNED = 1e-9  # [m] by which a turn may move a face unnoticed
+FLOATS = 1e-9  # of the stiffness, that keeps from drifting away what nothing holds
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Fields odd along one axis, on a motion that is mirrored along it.
+
+    Attributes:
+        statics: of that motion.
+        axis: along which it is mirrored.
+        holds: of its faces.
+        friction: under bonded ones; infinite: they stick.
+    """
+
+    statics: Statics
+    axis: int
+    holds: tuple[Hold, ...]
+    friction: float
+
+    @cached_property
+    def space(self) -> Space:
+        """A few functions: what a turn adds is smooth."""
+        body, mirrors = self.statics.body, self.statics.space.symmetry.mirrors
+        a, b, c = (
+            Splines.graded(low, high, CELLS, DEGREE, (False, False))
+            for low, high in zip(body.low, body.high, strict=True)
+        )
+        return Space(Tensor((a, b, c)), Symmetry(mirrors, odd=(self.axis,)), joined=True)
+
+    def values(self, X: np.ndarray) -> np.ndarray:
+        """Displacements at points [m] by the coefficients, shape [points, 3, size]."""
+        (block,) = self.space.blocks
+        return block.matrix(self.space.scalar.matrix(X))
+
+    @cached_property
+    def _slopes(self) -> np.ndarray:
+        """dF / dy at the points of ``Statics.unfolded``, shape [points, 9, size]."""
+        X = self.statics.unfolded
+        G = self.space.scalar.gradient(X)
+        (block,) = self.space.blocks
+        parts = [block.matrix(G[..., k]) for k in range(3)]
+        return np.stack(parts, axis=2).reshape(len(X), 9, -1)
+
+    def stiffness(self, frame: Held, last: Held) -> np.ndarray:
+        """Slope of the law's forces in ``frame`` after ``last`` [1/m^2], shape [size, size]."""
+        size = self.space.size
+        stiff, flat = self.statics.stiff(frame.y, last.past), self._slopes.reshape(-1, size)
+        return np.asarray(flat.T @ (stiff @ self._slopes).reshape(-1, size))
+
+    @cached_property
+    def _grips(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of every hold, rows of what it holds, and where its turns bring that [m], [frames, rows]."""
+        found = []
+        for hold in self.holds:
+            sticks = hold.face.condition == "bonded" and np.isinf(self.friction)
+            axes = [0, 1, 2] if sticks else [hold.face.axis]
+            D = self.values(self.statics.body.face_points(hold.face, POINTS))[:, axes]
+            turned = hold.turned[..., axes]
+            found.append((D.reshape(-1, D.shape[-1]), turned.reshape(len(turned), -1)))
+        return found
+
+    def added(self, frames: Sequence[Held]) -> np.ndarray:
+        """Coefficients of what turns have added until each frame [m], shape [frames, size]."""
+        y = np.zeros((len(frames), self.space.size))
+        for n in range(1, len(frames)):
+            K = self.stiffness(frames[n], frames[n - 1])
+            K += FLOATS * np.trace(K) / len(K) * np.eye(len(K))
+            right = np.zeros(len(K))
+            for (D, turned), hold in zip(self._grips, self.holds, strict=True):
+                if hold.presses[n]:
+                    K += D.T @ D / EXACT**2
+                    right += D.T @ (turned[n] - turned[n - 1]) / EXACT**2
+            y[n] = y[n - 1] + np.linalg.solve(K, right)
+        return y
+
+
+def level(seen: Seen, statics: Statics, frames: Sequence[Held], friction: float) -> Seen:
+    """What would be seen if no tool had turned.
+
+    Args:
+        seen: what is seen.
+        statics: of the body, all whose faces are held evenly.
+        frames: its motion, as far as it is known.
+        friction: as of ``Odd``.
+    """
+    if not any(np.abs(hold.turned).max() > TURNED for hold in seen.holds):
+        return seen
+    u = seen.u
+    for axis in seen.one_sided:
+        odd = Odd(statics, axis, seen.holds, friction)
+        u = u - np.einsum("pin,fn->fpi", odd.values(seen.X), odd.added(frames), optimize=True)
+    return replace(seen, u=u)
