@@ -53,7 +53,8 @@ def followed(force: Force, frames: np.ndarray, splines: Splines) -> Force:
     """The same, with what is ``missed`` of it.
 
     A motion knows frames, and between them is what its splines in time make of these. Made of a force that
-    jolts between two frames, they err by as much as they do of the motion, as far as that goes with the force.
+    jolts between two frames, they err by as much as they do of the motion, as far as that goes with the force:
+    under a tool that holds a whole face. A strip that is touched somewhere swings in its own time.
 
     Args:
         force: sampled oftener than the frames; of others nothing is told.

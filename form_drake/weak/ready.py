@@ -71,7 +71,11 @@ def prepared(
         else np.asarray(recording.gravity, float) / recording.mass_scale
     )
     frames = recording.time - recording.time[0]
-    forces = {k: followed(f, frames, fit.time) for k, f in measured(recording, 0.0, last).items()}
+    holding = {f.tool for f in shape.faces if f.condition in ("bonded", "frictionless")}
+    forces = {
+        tool: followed(force, frames, fit.time) if tool in holding else force
+        for tool, force in measured(recording, 0.0, last).items()
+    }
     probe = Probe(
         name,
         shape,
