@@ -181,10 +181,12 @@ def test_windows_count_until_the_tool_lets_go():
     )
     begin = np.arange(0.0, 0.9, 0.05)
     ends = np.stack([begin, begin + 0.1], axis=1)
-    kept = while_pressed(ends, made)
+    kept = while_pressed(ends, made, body(made))
     assert kept[0, 1] == pytest.approx(0.35) and kept[-1, 1] == pytest.approx(0.6)
-    assert np.array_equal(while_pressed(ends[-3:], made), ends[-3:])  # nothing presses in any
-    assert np.array_equal(while_pressed(ends, replace(made, forces={})), ends)
+    assert np.array_equal(
+        while_pressed(ends[-3:], made, body(made)), ends[-3:]
+    )  # nothing presses in any
+    assert np.array_equal(while_pressed(ends, replace(made, forces={}), body(made)), ends)
 
 
 def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then():

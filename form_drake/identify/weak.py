@@ -194,7 +194,7 @@ def _problem(
         if not own.ends:
             ends = chosen_windows(recording, law, own.window)
             if recording.on_surface:
-                ends = told_apart(while_pressed(ends, recording), recording, fit)
+                ends = told_apart(while_pressed(ends, recording, shape), recording, fit)
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
         if not mirrored(fit, fields):
             # a field and its image would give one row twice

@@ -10,7 +10,7 @@ from form_drake.motion.tracks import placed
 from form_drake.records import Recording
 from form_drake.weak.bend import BendFields
 from form_drake.weak.fields import Fields
-from form_drake.weak.force import pressed
+from form_drake.weak.force import holding, pressed
 from form_drake.weak.stress import volumetric
 from form_drake.weak.unknowns import Pressure
 from form_drake.weak.windows import even
@@ -76,18 +76,21 @@ def told_apart(ends: np.ndarray, recording: Recording, fit: Fit) -> np.ndarray:
     return ends[kept] if kept else ends
 
 
-def while_pressed(ends: np.ndarray, recording: Recording) -> np.ndarray:
-    """Windows at whose end a tool presses, of a body whose inside the law completes as statics.
+def while_pressed(ends: np.ndarray, recording: Recording, shape: Body) -> np.ndarray:
+    """Windows at whose end a tool presses a whole face, of a body whose inside the law completes as statics.
 
-    One that a tool has let go swings: what its surface shows is inertia, which that would take for stress.
+    A block that is let go swings: what its surface shows is inertia, which that would take for stress. Of a
+    strip, which is touched somewhere, the surface shows nearly all.
 
     Args:
         ends: of the windows [s], shape [windows, 2].
-        recording: of the body; without forces, or where nothing presses then, all windows are kept.
+        recording: of the body; where nothing presses then, all windows are kept.
+        shape: its reference shape.
     """
-    if not recording.forces:
+    tools = holding(shape) & set(recording.forces)
+    if not tools:
         return ends
-    presses = np.any([pressed(recording, tool) for tool in recording.forces], axis=0)
+    presses = np.any([pressed(recording, tool) for tool in tools], axis=0)
     last = np.searchsorted(recording.time - recording.time[0], ends[:, 1], side="right") - 1
     return ends[presses[last]] if presses[last].any() else ends
 

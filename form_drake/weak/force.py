@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from form_drake.motion.body import Body
 from form_drake.motion.splines import Splines
 from form_drake.motion.tracks import NEAR, neighbours
 from form_drake.records import Recording, Stream
@@ -147,6 +148,11 @@ def measured(recording: Recording, first: float, last: float) -> dict[str, Force
         share = fast(time, value, spread, 1.0 / float(np.median(np.diff(recording.time))))
         found[name] = Force(time, value, spread, share)
     return found
+
+
+def holding(shape: Body) -> set[str]:
+    """Tools that hold a whole face: quasi-static motion goes with their force."""
+    return {face.tool for face in shape.faces if face.condition in ("bonded", "frictionless")}
 
 
 def pressed(recording: Recording, tool: str) -> np.ndarray:

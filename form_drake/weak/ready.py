@@ -12,7 +12,7 @@ from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import Exchanged, Fields, Mirrored
-from form_drake.weak.force import followed, measured
+from form_drake.weak.force import followed, holding, measured
 from form_drake.weak.probe import Probe
 from form_drake.weak.reach import usable
 from form_drake.weak.windows import windows
@@ -71,9 +71,9 @@ def prepared(
         else np.asarray(recording.gravity, float) / recording.mass_scale
     )
     frames = recording.time - recording.time[0]
-    holding = {f.tool for f in shape.faces if f.condition in ("bonded", "frictionless")}
+    hold = holding(shape)
     forces = {
-        tool: followed(force, frames, fit.time) if tool in holding else force
+        tool: followed(force, frames, fit.time) if tool in hold else force
         for tool, force in measured(recording, 0.0, last).items()
     }
     probe = Probe(
