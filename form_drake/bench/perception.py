@@ -1,6 +1,6 @@
 """Probes seen by two cameras, from rendered pictures to the law, against what was simulated.
 
-Motions are those of ``bench probes``, with all particles: pictures of them are rendered, tracked and
+Motions are those of ``bench probes``, presses on a finer grid, with all particles: pictures are rendered, tracked and
 identified from. Beside each answer stands that to exact tracks of some particles of the same motion.
 Then motions of finite elements, pictures as large and as quiet as the paper's, and one disturbance
 after another at growing levels.
