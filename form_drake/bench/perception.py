@@ -39,7 +39,7 @@ PAPER = {  # 1280 x 1280 pixels, 100 frames a second, grey noise 0.5, focal leng
 }
 FINITE = ("press-a", "bend-touching-a")
 SWEPT = ("press_a", "bend_a")
-TRUTH = {"press": SPACINGS["press"][-1]}  # [m] of grids; on that of the scenario E is .2 % off
+TRUTH = {"press": SPACINGS["press"][-1]}  # [m] of grids: the finest of ``bench probes``
 EXACT = 400  # particles of exact tracks
 SECONDS = {"press": 500.0, "bend": 240.0}  # of pictures, tracks and answer
 TIMES_PAPER = 4.0
