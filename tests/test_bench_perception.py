@@ -8,8 +8,9 @@ import pytest
 from form_drake import Recording, Stream
 from form_drake.bench.perception import FINITE, PAPER, SWEPT, planned, table
 from form_drake.bench.perception_sweeps import SWEEPS, delayed, dropped, misstated, occluded
-from form_drake.bench.perception_views import Views
+from form_drake.bench.perception_views import TRACK, Views, _code
 from form_drake.bench.probes import NAMED
+from form_drake.bench.probes_motions import code, modules
 from form_drake.systems.scenario import load_scenario
 
 CLOCK = np.linspace(0.0, 1.0, 20)
@@ -36,6 +37,12 @@ def test_cases_have_names_of_files_and_an_estimate(tmp_path):
     assert kinds.count("fe") == len(FINITE)
     assert kinds.count("sweep") == len(SWEPT) * sum(map(len, SWEEPS.values()))
     assert not any(set(name) & set(" []") for name in cases)
+
+
+def test_tracks_are_kept_under_a_key_of_all_that_tracks():
+    names = {path.name for path in modules(begin=TRACK, readers=())}
+    assert {"seen.py", "track.py", "correlate.py", "stereo.py", "pictures.py"} <= names
+    assert _code().endswith(code(begin=TRACK, readers=()))
 
 
 def test_looks_are_changes_that_scenarios_take():
