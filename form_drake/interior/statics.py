@@ -157,11 +157,7 @@ class Statics:
     @cached_property
     def _slopes(self) -> np.ndarray:
         """dF / dy at the points, shape [points, 9, size]."""
-        X, _ = self._quadrature
-        G = self.space.scalar.gradient(X)
-        (block,) = self.space.blocks
-        parts = [block.matrix(G[..., k]) for k in range(3)]
-        return np.stack(parts, axis=2).reshape(len(X), 9, -1)
+        return slopes(self.space, self._quadrature[0])
 
     @cached_property
     def _short(self) -> np.ndarray:
@@ -169,8 +165,7 @@ class Statics:
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Displacements at points [m] by the coefficients, shape [points, 3, size]."""
-        (block,) = self.space.blocks
-        return block.matrix(self.space.scalar.matrix(X))
+        return values(self.space, X)
 
     @cached_property
     def _load(self) -> np.ndarray:
@@ -238,6 +233,20 @@ class Statics:
         order[axes] = axes[::-1]
         swap = np.arange(9).reshape(3, 3)[np.ix_(order, order)].ravel()
         return np.concatenate([found, found[:, swap][:, :, swap]]) / 2.0
+
+
+def values(space: Space, X: np.ndarray) -> np.ndarray:
+    """Displacements at points [m] by the coefficients of a joined space, shape [points, 3, size]."""
+    (block,) = space.blocks
+    return block.matrix(space.scalar.matrix(X))
+
+
+def slopes(space: Space, X: np.ndarray) -> np.ndarray:
+    """The same of their gradients, shape [points, 9, size]."""
+    G = space.scalar.gradient(X)
+    (block,) = space.blocks
+    parts = [block.matrix(G[..., k]) for k in range(3)]
+    return np.stack(parts, axis=2).reshape(len(X), 9, -1)
 
 
 def _few(breaks: Sequence[np.ndarray], body: Body) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.interior.faces import POINTS, Hold
-from form_drake.interior.statics import EXACT, Held, Statics
+from form_drake.interior.statics import EXACT, Held, Statics, slopes, values
 from form_drake.interior.surface import Seen
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
@@ -48,19 +48,10 @@ class Odd:
         )
         return Space(Tensor((a, b, c)), Symmetry(mirrors, odd=(self.axis,)), joined=True)
 
-    def values(self, X: np.ndarray) -> np.ndarray:
-        """Displacements at points [m] by the coefficients, shape [points, 3, size]."""
-        (block,) = self.space.blocks
-        return block.matrix(self.space.scalar.matrix(X))
-
     @cached_property
     def _slopes(self) -> np.ndarray:
         """dF / dy at the points of ``Statics.unfolded``, shape [points, 9, size]."""
-        X = self.statics.unfolded
-        G = self.space.scalar.gradient(X)
-        (block,) = self.space.blocks
-        parts = [block.matrix(G[..., k]) for k in range(3)]
-        return np.stack(parts, axis=2).reshape(len(X), 9, -1)
+        return slopes(self.space, self.statics.unfolded)
 
     def stiffness(self, frame: Held, last: Held) -> np.ndarray:
         """Slope of the law's forces in ``frame`` after ``last`` [1/m^2], shape [size, size]."""
@@ -75,7 +66,7 @@ class Odd:
         for hold in self.holds:
             sticks = hold.face.condition == "bonded" and np.isinf(self.friction)
             axes = [0, 1, 2] if sticks else [hold.face.axis]
-            D = self.values(self.statics.body.face_points(hold.face, POINTS))[:, axes]
+            D = values(self.space, self.statics.body.face_points(hold.face, POINTS))[:, axes]
             turned = hold.turned[..., axes]
             found.append((D.reshape(-1, D.shape[-1]), turned.reshape(len(turned), -1)))
         return found
@@ -109,5 +100,7 @@ def level(seen: Seen, statics: Statics, frames: Sequence[Held], friction: float)
     u = seen.u
     for axis in seen.one_sided:
         odd = Odd(statics, axis, seen.holds, friction)
-        u = u - np.einsum("pin,fn->fpi", odd.values(seen.X), odd.added(frames), optimize=True)
+        u = u - np.einsum(
+            "pin,fn->fpi", values(odd.space, seen.X), odd.added(frames), optimize=True
+        )
     return replace(seen, u=u)

@@ -332,10 +332,8 @@ class Probe:
         by as much, all alike, and no window tells of another.
         """
         left = {k: 0.0 * f.value if f.missed is None else f.missed for k, f in self.forces.items()}
-        off, noise = (
-            self.pushed(self.along(self.motion), left),
-            np.diag(self._force_noise())[self.keep],
-        )
+        off = self.pushed(self.along(self.motion), left)
+        noise = np.diag(self._force_noise())[self.keep]
         window = np.flatnonzero(self.keep) // (len(self.keep) // len(self.windows))
         together = window[:, None] == window
         size = np.maximum(together @ off**2, np.finfo(float).tiny)
