@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.weak.history import Lasting
 from form_drake.weak.noise import Bases, Moments, Slopes, by_functions
 from form_drake.weak.windows import Windows
+from form_drake.workers import parted
 
 SMALL = 1e-5  # correlation below which windows are taken to share no noise
 TOGETHER = 2**22  # numbers in what is multiplied at once
@@ -117,20 +118,24 @@ def _common(pull: np.ndarray, scale: np.ndarray, other: np.ndarray) -> np.ndarra
 
 def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
     """The same, a few moments at a time."""
-    moments, functions = windows[0][0].shape[1], scale.shape[1]
+    moments, functions, rows = windows[0][0].shape[1], scale.shape[1], m * len(windows)
     scale = np.broadcast_to(scale, (moments, functions))
     slopes = [np.ascontiguousarray(own.T) for _, own in windows]
-    total = np.zeros((m * len(windows),) * 2)
-    count = max(1, TOGETHER // (len(total) * functions))
-    for n in range(0, moments, count):
-        own = slice(n, min(n + count, moments))
-        rows = np.empty((len(windows), m, functions, own.stop - n))
-        for row, part, (pull, _) in zip(rows, slopes, windows, strict=True):
-            np.matmul(part, pull[:, own], out=row)
-        rows *= scale[own].T
-        flat = rows.reshape(len(total), -1)
-        total += flat @ flat.T
-    return total
+    firsts = range(0, moments, max(1, TOGETHER // (rows * functions)))
+    sums = np.empty((len(firsts), rows, rows))
+
+    def summed(some: slice) -> None:
+        for n in range(some.start, some.stop):
+            own = slice(firsts[n], firsts[n] + firsts.step)
+            pulled = np.stack(
+                [part @ pull[:, own] for part, (pull, _) in zip(slopes, windows, strict=True)]
+            )
+            pulled *= scale[own].T
+            flat = pulled.reshape(rows, -1)
+            np.matmul(flat, flat.T, out=sums[n])
+
+    parted(summed, len(firsts), 1)
+    return sums.sum(axis=0)  # in an order that no number of cores changes
 
 
 def _window(
