@@ -61,8 +61,18 @@ def _stereo(own: dict[str, Any]) -> list[str]:
             f"{name:9}{r['points']:>5}{100 * r['held']:>7.1f} %{r['noise_um']:>6.2f} um"
             f"{r['seconds']:>7.1f} s  {_cells(r):<40} exact: {_cells(r['exact'])}{_inside(r)}{goal}"
         )
-    for probe in ("press", "bend"):
-        lines += _specimens(probe, [r for n, r in own.items() if n.startswith(f"{probe}-")])
+    held: list[bool] = []
+    drawn = {p: [r for n, r in own.items() if n.startswith(f"{p}-")] for p in ("press", "bend")}
+    for probe, some in drawn.items():
+        found, inside = _specimens(probe, some)
+        lines, held = lines + found, held + inside
+    if all(len(some) >= SPECIMENS for some in drawn.values()):
+        low, high = GOALS["coverage_90"]
+        share = float(np.mean(held))
+        lines.append(
+            f"both probes: 90 % intervals hold {sum(held)} of {len(held)} values, {100 * share:.0f} %"
+            f" {'met' if low <= share <= high else 'MISSED'} (goal {100 * low:.0f} to {100 * high:.0f})"
+        )
     return lines
 
 
@@ -73,34 +83,28 @@ def _inside(found: dict[str, Any]) -> str:
     return f"  inside off by {found['inside_um']:.1f} of {found['moved_um']:.0f} um"
 
 
-def _specimens(probe: str, drawn: list[dict[str, Any]]) -> list[str]:
-    """Median, worst and coverage over the drawn specimens; one that is refused counts as endless.
+def _specimens(probe: str, drawn: list[dict[str, Any]]) -> tuple[list[str], list[bool]]:
+    """Median and worst over the drawn specimens, and which values their intervals hold.
 
-    Goals are for all of them: fewer are told without a verdict.
+    One that is refused counts as endless. Goals are for all of them: fewer are told without a verdict.
     """
-    keys = sorted({k for r in drawn for k in r["errors"]})
-    lines = []
-    for key in keys:
+    lines, every = [], []
+    for key in sorted({k for r in drawn for k in r["errors"]}):
         sizes = [abs(r["errors"][key]["error"]) if r["errors"] else np.inf for r in drawn]
-        held = [
-            abs(r["errors"][key]["error"]) <= NORMAL_90 * r["errors"][key]["std"]
-            for r in drawn
-            if r["errors"]
-        ]
-        median, worst, share = float(np.median(sizes)), max(sizes), float(np.mean(held))
-        low, high = GOALS["coverage_90"]
-        verdicts = (
-            met(median, GOALS["median"]),
-            met(worst, GOALS["worst"]),
-            f"{'met' if low <= share <= high else 'MISSED'} (goal {100 * low:.0f} to {100 * high:.0f})",
+        z = np.array(
+            [r["errors"][key]["error"] / r["errors"][key]["std"] for r in drawn if r["errors"]]
         )
-        whole = len(drawn) >= SPECIMENS
-        middle, far, within = (f" {v}" if whole else "" for v in verdicts)
+        held = np.abs(z) <= NORMAL_90
+        median, worst = float(np.median(sizes)), max(sizes)
+        verdicts = met(median, GOALS["median"]), met(worst, GOALS["worst"])
+        middle, far = (f" {v}" * (len(drawn) >= SPECIMENS) for v in verdicts)
         lines.append(
             f"{probe} {key}, {len(drawn)} of {SPECIMENS} specimens: median {median:.2f}{middle},"
-            f" worst {worst:.2f}{far}, 90 % intervals hold {100 * share:.0f} %{within}"
+            f" worst {worst:.2f}{far}, 90 % intervals hold {held.sum()} of {len(held)},"
+            f" rms of error / std {np.sqrt(np.mean(z**2)):.2f}"
         )
-    return lines
+        every += held.tolist()
+    return lines, every
 
 
 def _finite(own: dict[str, Any]) -> list[str]:
