@@ -12,6 +12,7 @@ from form_drake.laws import LAWS
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
 from form_drake.weak.contact import OpenFields
+from form_drake.weak.errors import noise as noise_of
 
 LAW, TRUTH = LAWS["neo-hookean"], {"C10": 5e3, "kappa": 20e3}
 EDGE, SECONDS, RATE = 0.02, 0.35, 120.0
@@ -95,5 +96,5 @@ def test_a_force_across_a_smooth_plate_is_one_that_it_should_not_feel():
     span = read.windows.chi.sum(axis=1)
     assert told == pytest.approx(np.outer(span, [-0.3, 0.2]), rel=1e-3)
     quiet = replace(read, forces={"plate": replace(read.forces["plate"], noise=0.0)})
-    noise, none = (p.noise(LAW, TRUTH, LAW.theta(TRUTH)) for p in (read, quiet))
+    noise, none = (noise_of(p, LAW, TRUTH, LAW.theta(TRUTH)) for p in (read, quiet))
     assert np.diag(noise)[rows].min() > 0.0 and not none[np.ix_(rows, rows)].any()

@@ -20,6 +20,7 @@ from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
 from form_drake.records import Recording, Stream
+from form_drake.weak.errors import noise as noise_of
 from form_drake.weak.families import axial
 from form_drake.weak.solve import Weights
 from form_drake.weak.system import Row
@@ -244,7 +245,7 @@ def test_covariance_of_the_rows_is_that_of_their_errors(monkeypatch):
         again = replace(probe, fit=fit_tracks(made(noise=noise, seed=seed), shape, like=fit))
         along = again.along(again.motion)
         errors.append(again.rest(along, {}) - again.columns(along, law, {}, whole) @ theta)
-    size, directions = np.linalg.eigh(probe.noise(law, {}, theta))
+    size, directions = np.linalg.eigh(noise_of(probe, law, {}, theta))
     white = (np.array(errors) - np.mean(errors, axis=0)) @ directions / np.sqrt(size)
     assert np.mean(white[:, size > 0.1 * size[-1]] ** 2) == pytest.approx(1.0, rel=0.35)
 
@@ -333,7 +334,7 @@ def test_half_of_a_mirrored_body_is_enough(monkeypatch):
             (
                 p.columns(p.along(p.motion), law, values, np.ones(len(law.terms), dtype=bool)),
                 p.rest(p.along(p.motion), {}),
-                p.noise(law, values, np.array([1e4, 1e5])),
+                noise_of(p, law, values, np.array([1e4, 1e5])),
             )
             for p in (quarter, whole)
         ),

@@ -24,6 +24,7 @@ from form_drake.weak.axial import AxialFields
 from form_drake.weak.balance import balance
 from form_drake.weak.bend_curl import BendCurlFields
 from form_drake.weak.curl import CurlFields
+from form_drake.weak.errors import from_forces
 from form_drake.weak.force import Force, fast, followed, measured
 from form_drake.weak.solve import Weights, solved
 from form_drake.weak.stress import unit_stresses
@@ -286,7 +287,7 @@ def test_noise_that_lasts_is_that_of_draws(exact):
         drawn.append(((moved[1] - b) - (moved[0] - A) @ theta) / 0.01)
     power = np.mean(np.square(drawn), axis=0)
     (lasting,), (own,) = problem.lasting_noise(eta, theta), problem.noise(eta, theta)
-    force = np.diag(probe._force_noise())[probe.keep]
+    force = np.diag(from_forces(probe))[probe.keep]
     claimed = [np.median(power / (np.diag(n) - force)) for n in (lasting, own)]
     assert claimed[0] == pytest.approx(1.0, abs=0.12)
     assert claimed[1] < claimed[0] - 0.08

@@ -9,6 +9,7 @@ import numpy as np
 
 from form_drake.motion import Motion
 from form_drake.motion.motion import Displacement
+from form_drake.weak import errors
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Solution, Weights, bounded
 from form_drake.weak.stress import strain_over_radius
@@ -201,7 +202,7 @@ class Problem:
     def noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """Covariance of each probe's rows, probes being independent [(N m s)^2]."""
         values, theta = self.values(eta), theta * self.unknowns.columns
-        return [p.noise(self.unknowns.law, values, theta) for p in self.probes]
+        return [errors.noise(p, self.unknowns.law, values, theta) for p in self.probes]
 
     def lasting_noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same with what noise leaves in plastic strain.
@@ -210,18 +211,18 @@ class Problem:
         """
         law, values = self.unknowns.law, self.values(eta)
         theta = theta * self.unknowns.columns
-        return [p.noise(law, values, theta, lasting=True) for p in self.coarser.probes]
+        return [errors.noise(p, law, values, theta, lasting=True) for p in self.coarser.probes]
 
-    @property
+    @cached_property
     def missed(self) -> list[np.ndarray]:
         """The same from what motions miss between frames; a twin that is read alike misses as much."""
         none = 0.0 if self.offset is not None else 1.0
-        return [none * p.missed for p in self.probes]
+        return [none * errors.missed(p) for p in self.probes]
 
     def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
         """The same from what no track tells."""
         values, theta = self.values(eta), theta * self.unknowns.columns
-        return [p.doubt(self.unknowns.law, values, theta) for p in self.probes]
+        return [errors.doubt(p, self.unknowns.law, values, theta) for p in self.probes]
 
     def solved(self, system: WeakSystem, by: Weights) -> Solution:
         """The linear solution of a system under the signs that physics demands."""

@@ -7,29 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.identify.options import Reader, WeakFit, WeakOptions, Weighed
+from form_drake.identify.posed import posed
 from form_drake.identify.problem import Problem
 from form_drake.identify.scene import Twin, twin_offset
 from form_drake.identify.search import searched
-from form_drake.identify.solve import Identification, Unidentifiable, require_given
+from form_drake.identify.solve import Identification, require_given
 from form_drake.identify.surface import balanced_inside
 from form_drake.identify.twin import Offset, with_twins
 from form_drake.identify.worth import at_bound, noise_bias, parameters, refuse
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.records import Recording
-from form_drake.weak.choice import (
-    chosen_pressure,
-    chosen_windows,
-    seen_through,
-    spaced,
-    told_apart,
-    traction_free,
-    traction_free_as,
-    while_pressed,
-)
-from form_drake.weak.families import chosen_fields
 from form_drake.weak.probe import Probe
-from form_drake.weak.ready import check_loads, feel_pressure, mirrored, prepared, probe_body
+from form_drake.weak.ready import probe_body
 from form_drake.weak.solve import (
     Solution,
     Weights,
@@ -41,7 +31,6 @@ from form_drake.weak.solve import (
     totals,
     weights,
 )
-from form_drake.weak.unknowns import Unknowns
 
 PASSES = 3  # of the weights after the first search, fewer where they no longer change
 SETTLED = 0.03  # share by which the stress may still change: weights that far off cost some thousandths of the variance
@@ -116,7 +105,7 @@ def weighed(
     """Read the motions, search, and weigh the rows; arguments as of ``identify_weak``, and who reads."""
     begun = time.perf_counter()
     require_given(law.name, [k for k in law.constants("given") if k not in known])
-    problem = _problem(recordings, law, known, _of_every_probe(options, len(recordings)), read)
+    problem = posed(recordings, law, known, _of_every_probe(options, len(recordings)), read)
     reading = time.perf_counter() - begun
     found = weighing(problem)
     return replace(found, seconds=found.seconds + reading)
@@ -157,61 +146,6 @@ def _of_every_probe(
     if len(options) != count:
         raise ValueError(f"options of {len(options)} weak forms for {count} recordings")
     return list(options)
-
-
-def _problem(
-    recordings: Sequence[Recording],
-    law: Law,
-    known: Mapping[str, float],
-    each: Sequence[WeakOptions],
-    read: Reader,
-) -> Problem:
-    options = each[0]
-    if options.pressure == "supplied" and any(r.pressure is None for r in recordings):
-        raise ValueError(
-            "pressure supplied: a recording holds none; give it (points/pressure), or let the law balance"
-            " it (pressure law)"
-        )
-    fitted = [(r, *read(r)) for r in recordings]
-    for given in fitted:
-        check_loads(*given)
-    thin = any(own.free for own in each)
-    pressure = options.pressure or chosen_pressure(fitted, law, thin=thin)
-    if thin and pressure == "free":
-        raise ValueError(
-            "pressure free: across a thin body it is what leaves the sides free of stress; let the law"
-            " balance it (pressure law), or leave out the traction-free axes"
-        )
-    unknowns = Unknowns.of(law, known, pressure)
-    if unknowns.undecided:
-        raise Unidentifiable.of(law, unknowns.undecided, "pressure is free or supplied")
-    if not unknowns.keys and not unknowns.searched:
-        raise ValueError("every parameter is known: nothing is left to identify")
-    probes = []
-    for n, (recording, shape, first) in enumerate(fitted):
-        own, fit = each[n], first
-        ends = np.array(own.ends)
-        if not own.ends:
-            ends = chosen_windows(recording, law, own.window)
-            if recording.on_surface:
-                ends = told_apart(while_pressed(ends, recording, shape), recording, fit)
-        fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
-        if not mirrored(fit, fields):
-            # a field and its image would give one row twice
-            fit = read(recording, False)[1]
-            fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
-        if not own.ends:
-            ends = seen_through(spaced(ends, fields, len(fitted)), recording.time)
-        free = traction_free(fields) if own.free is None else traction_free_as(own.free, law)
-        # what the law balances must not act twice
-        held = replace(recording, pressure=None) if pressure == "law" else recording
-        probes.append(prepared(held, f"probe {n + 1}", fields, ends, shape, fit, free))
-        if pressure == "free" and (feeling := feel_pressure(probes[-1])):
-            raise ValueError(
-                f"pressure free: test fields {', '.join(feeling)} feel the pressure that is left out;"
-                " choose axial, bend-curl or potential, or let the law balance it (pressure law)"
-            )
-    return Problem.of(probes, unknowns, options.level)
 
 
 def _described(probe: Probe) -> dict[str, object]:
