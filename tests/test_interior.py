@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from form_drake import Recording, Stream, identify
 from form_drake.bench.oracles import recorded, run
 from form_drake.files import read_mapping
+from form_drake.identify.options import WeakOptions
+from form_drake.identify.posed import posed
 from form_drake.interior import Path, Resistance, Seen, friction_of
 from form_drake.interior.faces import carried
 from form_drake.interior.path import FRICTIONS, _least
@@ -88,7 +90,12 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
 
-def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder():
+@pytest.mark.parametrize(
+    "course",
+    [np.linspace(0.0, 1.0, 12), [0.0, 0.25, 0.5, 0.75, 1.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0]],
+    ids=["once", "twice"],
+)
+def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder(course):
     """Uniaxial stress and bending along z: smooth plates keep their planes, of which one turns about y."""
     X, time, high = on_face(0, 1), np.linspace(0.0, 1.0, 12), HIGH[2]
 
@@ -100,26 +107,27 @@ def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder():
         return across - press * X * np.array([0.0, 0.0, 1.0]) + np.stack(u, axis=1)
 
     poses = np.tile(np.eye(4), (12, 1, 1))
-    poses[:, :3, :3] = Rotation.from_rotvec(np.outer(1e-3 * time, [0, 1, 0])).as_matrix()
+    poses[:, :3, :3] = Rotation.from_rotvec(
+        np.outer(1e-3 * np.array(course), [0, 1, 0])
+    ).as_matrix()
     made = block(
-        np.stack([bent(X, 5e-3 * t, 1e-3 * t) for t in time]),
+        np.stack([bent(X, 5e-3 * t, 1e-3 * t) for t in course]),
         X,
         face=1,
         contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
         p_reference=X,
-        forces={"plate": Stream(time, np.outer(time, [0.0, 0.0, 1.0]))},
+        forces={"plate": Stream(time, np.outer(course, [0.0, 0.0, 1.0]))},
         poses={"plate": Stream(time, poses)},
     )
     looked, plain = Seen.of(made, body(made)), Resistance.plain(POISSON)
     held = Path.of(looked, plain)
     levelled = Path.of(looked, plain, held.friction, held)
     inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
-    wanted = np.stack([inside + bent(inside, 5e-3 * t, 0.0) for t in time])
+    wanted = np.stack([bent(inside, 5e-3 * t, 0.0) for t in course])
     rms = []
-    for path in (held, levelled):
-        fit = path.fit()
-        motion = Sampling.of(fit, time, inside, np.ones(200), 1.0).motion(fit.c)
-        rms.append(np.sqrt(np.mean((motion.x - wanted) ** 2)))
+    for path in (held, levelled):  # frame by frame: splines in time follow no jump
+        u = path.statics.values(inside) @ np.transpose([frame.y for frame in path.frames])
+        rms.append(np.sqrt(np.mean((u.transpose(2, 0, 1) - wanted) ** 2)))
     assert rms[0] > 2e-6 and rms[1] < 0.5e-6
 
 
@@ -169,16 +177,25 @@ def test_windows_in_which_a_body_stands_still_count_once():
     assert np.allclose(np.diff(middle), 0.05)
 
 
-def test_windows_count_until_the_tool_lets_go():
-    X, time = on_face(0, 1), np.linspace(0.0, 1.0, 400)
-    push = np.where((time > 0.3) & (time < 0.62), 1.0, 0.005)  # what is left of it is no pressing
-    made = block(
-        np.zeros((48, *X.shape)),
+def let_go(u, X, noise=0.0, **more):
+    """A plate presses from .3 to .62 s; what is left of its force, and noise, is no pressing."""
+    time = np.linspace(0.0, 1.0, 400)
+    push = np.outer(np.where((time > 0.3) & (time < 0.62), 1.0, 0.005), [0.0, 0.0, 1.0])
+    push += noise * np.random.default_rng(0).standard_normal(push.shape)
+    return block(
+        u,
         X,
         face=1,
         contact={"z-": "frictionless floor", "z+": "frictionless plate", "other": "free"},
-        forces={"plate": Stream(time, np.outer(push, [0.0, 0.0, 1.0]))},
+        forces={"plate": Stream(time, push, noise=noise)},
+        **more,
     )
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_windows_count_until_the_tool_lets_go(noise):
+    X = on_face(0, 1)
+    made = let_go(np.zeros((48, *X.shape)), X, noise)
     begin = np.arange(0.0, 0.9, 0.05)
     ends = np.stack([begin, begin + 0.1], axis=1)
     kept = while_pressed(ends, made, body(made))
@@ -187,6 +204,48 @@ def test_windows_count_until_the_tool_lets_go():
         while_pressed(ends[-3:], made, body(made)), ends[-3:]
     )  # nothing presses in any
     assert np.array_equal(while_pressed(ends, replace(made, forces={}), body(made)), ends)
+
+
+@pytest.mark.parametrize("most", [2000, 12])
+def test_windows_that_are_fewer_are_still_those_that_tell(most, monkeypatch):
+    monkeypatch.setattr("form_drake.weak.choice.MOST_ROWS", most)
+    X, time = on_face(0, 1), np.linspace(0.0, 1.0, 96)
+    lam = np.interp(time, [0.3, 0.6, 0.62, 0.7], [1.0, 0.9, 0.9, 0.97])
+    made = let_go(np.stack([stretched(X, f) for f in lam]), X, p_reference=X)
+    shape = body(made)
+    fit = Path.of(Seen.of(made, shape), Resistance.plain(POISSON)).fit()
+    law, options = law_named("von-mises"), WeakOptions(window=0.1)
+    problem = posed([made], law, {"nu": POISSON}, [options], lambda *_: (shape, fit))
+    (probe,) = problem.probes
+    ends = probe.windows.ends
+    assert len(ends) == {2000: 6, 12: 4}[most] and np.allclose(np.diff(ends), 0.1)
+    assert ends[0, 1] > 0.3 and ends[-1, 1] < 0.63
+
+
+def test_a_weight_across_a_mirror_moves_nothing():
+    X = on_face(0, 1)
+    made = block(
+        np.zeros((8, *X.shape)),
+        X,
+        face=1,
+        contact={"z-": "frictionless floor", "other": "free"},
+        p_reference=X,
+        gravity=(5.0, 0.0, 0.0),
+    )
+    material = Material(
+        law_named("von-mises"), {"mu": 4e3, "lam": 6e3, "tau_y": 1e9}, density=1000.0
+    )
+    path = Path.of(Seen.of(made, body(made)), Resistance.of(material))
+    inside = np.random.default_rng(1).uniform(LOW, HIGH, (200, 3))
+    assert np.abs(path.statics.values(inside) @ path.frames[-1].y).max() < 2.0 * NOISE
+
+
+def test_axes_of_unlike_sides_do_not_change_places():
+    X = on_face(0, 1)
+    made = block(np.zeros((8, *X.shape)), X, face=1, contact={"other": "free"}, p_reference=X)
+    long = replace(made, geometry={**made.geometry, "low": "-0.015 -0.0148 0"})
+    with pytest.raises(ValueError, match=r"symmetry xy: the box is 0\.03 m along x and 0\.0298 m"):
+        Seen.of(long, body(long))
 
 
 def test_a_point_sticks_until_it_is_rubbed_as_hard_as_it_can_be_and_slides_then():

@@ -101,7 +101,8 @@ def _probe(
         fit = read(recording, False)[1]
         fields = chosen_fields(own.fields, recording, shape, fit, ends, unknowns)
     if not own.ends:
-        ends = seen_through(spaced(ends, fields, probes), recording.time)
+        ends = spaced(ends, fields, probes, some=recording.on_surface)
+        ends = seen_through(ends, recording.time)
     free = traction_free(fields) if own.free is None else traction_free_as(own.free, law)
     # what the law balances must not act twice
     held = replace(recording, pressure=None) if unknowns.pressure == "law" else recording

@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 
 from form_drake.interior.newton import balanced
 from form_drake.interior.resistance import Resistance
-from form_drake.interior.statics import Held, Rows, Statics
+from form_drake.interior.statics import Grip, Held, Rows, Statics
 from form_drake.interior.surface import Seen
 from form_drake.interior.tilt import level
 from form_drake.motion import Fit
@@ -203,12 +203,23 @@ def _frames(statics: Statics, seen: Seen, friction: float, near: Sequence[Held] 
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(seen.undrifted(D[valid], valid), seen.white[n, valid], seen.sd)
         grips = [grip for hold in own if (grip := hold(n))]
-        held = balanced(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
-        if near and not held.settled:
-            held = balanced(statics, rows, grips, last)
-        last = held
+        last = _held(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
         found.append(last)
     return found
+
+
+def _held(
+    statics: Statics, rows: Rows, grips: list[Grip], last: Held, near: tuple[Held, Held] | None
+) -> Held:
+    """The frame after ``last``, from that of another material where this leads there."""
+    if near:
+        try:
+            held = balanced(statics, rows, grips, last, near)
+        except ValueError:  # lost on the way
+            held = None
+        if held is not None and held.settled:
+            return held
+    return balanced(statics, rows, grips, last)
 
 
 def _statics(seen: Seen, resistance: Resistance) -> Statics:

@@ -173,7 +173,9 @@ class Statics:
         if not self.resistance.weighs:
             return np.zeros(self.space.size)
         X, share = self._quadrature
-        load = np.einsum("p,pin,i->n", share, self.values(X), self.force)
+        # along a mirrored axis one half would pull against the other
+        even = [i not in self.space.symmetry.mirrors for i in range(3)]
+        load = np.einsum("p,pin,i->n", share, self.values(X), self.force * even)
         return np.asarray(load) / self.resistance.modulus
 
     @property

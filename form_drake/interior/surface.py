@@ -13,6 +13,8 @@ from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
 
+SQUARE = 1e-6  # share by which sides of a box may differ that are the same
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -64,7 +66,7 @@ class Seen:
         X, u, valid, time, used = tracks(recording, body, throughout=False)
         stated = recording.noise
         noise = noise_of(recording.time, u, valid) if stated is None else stated
-        symmetry = Symmetry.stated(str(recording.geometry.get("symmetry", "")))
+        symmetry = _stated(recording, body)
         one_sided = _one_sided(recording, symmetry)
         symmetry = symmetry if symmetric else Symmetry()
         u = centred(symmetry, body, X, u)
@@ -107,6 +109,23 @@ class Seen:
     def white(self) -> np.ndarray:
         """Whitened displacements [m], shape of u."""
         return np.einsum("pij,fpj->fpi", self.whitening, self.u, optimize=True)
+
+
+def _stated(recording: Recording, body: Body) -> Symmetry:
+    """The symmetry that a recording states, refused where its box has not got it."""
+    symmetry, size = (
+        Symmetry.stated(str(recording.geometry.get("symmetry", ""))),
+        body.high - body.low,
+    )
+    if axes := list(symmetry.exchange):
+        a, b = size[axes]
+        if abs(a / b - 1.0) > SQUARE:
+            names = "".join("xyz"[axis] for axis in axes)
+            raise ValueError(
+                f"symmetry {names}: the box is {a:.6g} m along {names[0]} and {b:.6g} m along {names[1]}; axes"
+                f" change places where both are the same: leave {names} out of the stated symmetry"
+            )
+    return symmetry
 
 
 def _one_sided(recording: Recording, symmetry: Symmetry) -> list[int]:

@@ -72,17 +72,26 @@ class Odd:
         return found
 
     def added(self, frames: Sequence[Held]) -> np.ndarray:
-        """Coefficients of what turns have added until each frame [m], shape [frames, size]."""
-        y = np.zeros((len(frames), self.space.size))
+        """Coefficients of what turns have added until each frame [m], shape [frames, size].
+
+        A tool that lets go takes back what the law does not keep; one that comes again turns from where it
+        finds the face.
+        """
+        y, left = np.zeros((len(frames), self.space.size)), np.zeros(self.space.size)
+        begun = [-turned[0] for _, turned in self._grips]
         for n in range(1, len(frames)):
-            K = self.stiffness(frames[n], frames[n - 1])
-            K += FLOATS * np.trace(K) / len(K) * np.eye(len(K))
-            right = np.zeros(len(K))
-            for (D, turned), hold in zip(self._grips, self.holds, strict=True):
-                if hold.presses[n]:
-                    K += D.T @ D / EXACT**2
-                    right += D.T @ (turned[n] - turned[n - 1]) / EXACT**2
-            y[n] = y[n - 1] + np.linalg.solve(K, right)
+            slope = self.stiffness(frames[n], frames[n - 1])
+            K, right = slope + FLOATS * np.trace(slope) / len(slope) * np.eye(len(slope)), -left
+            for k, ((D, turned), hold) in enumerate(zip(self._grips, self.holds, strict=True)):
+                if not hold.presses[n]:
+                    continue
+                if not hold.presses[n - 1]:
+                    begun[k] = D @ y[n - 1] - turned[n - 1]
+                K += D.T @ D / EXACT**2
+                right += D.T @ (begun[k] + turned[n] - D @ y[n - 1]) / EXACT**2
+            step = np.linalg.solve(K, right)
+            left = left + slope @ step
+            y[n] = y[n - 1] + step
         return y
 
 

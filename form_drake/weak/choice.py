@@ -95,11 +95,22 @@ def while_pressed(ends: np.ndarray, recording: Recording, shape: Body) -> np.nda
     return ends[presses[last]] if presses[last].any() else ends
 
 
-def spaced(ends: np.ndarray, fields: Sequence[Fields], probes: int) -> np.ndarray:
-    """Fewer of the windows where the rows of all probes would be more than ``MOST_ROWS``."""
+def spaced(
+    ends: np.ndarray, fields: Sequence[Fields], probes: int, *, some: bool = False
+) -> np.ndarray:
+    """Fewer of the windows where the rows of all probes would be more than ``MOST_ROWS``.
+
+    Args:
+        ends: of the windows [s], shape [windows, 2].
+        fields: test fields.
+        probes: how many there are.
+        some: whether these are a choice, of which fewer are left; else wider ones take their place.
+    """
     most = max(MOST_ROWS // probes // sum(len(f.names) for f in fields), 2)
     if len(ends) <= most:
         return ends
+    if some:
+        return ends[np.linspace(0, len(ends) - 1, most).round().astype(int)]
     last = float(ends[-1, 1])
     width = max(float(ends[0, 1] - ends[0, 0]), last / most)  # no time between them is left out
     return even(0.0, last, width, (last - width) / (most - 1))

@@ -13,7 +13,9 @@ from form_drake.weak.windows import bump, trapezoid
 
 SHORTEST = 64  # samples of a force of which swings are told
 SAMPLED = 0.5  # of the time between frames, longest between samples of it
-PRESSED = 0.01  # of the largest force, above which a tool presses
+# a tool presses with more than so many times the noise, at least this share of the largest force, and with
+# the larger share in any case
+HEARD, PRESSED, SURELY = 4.0, 0.01, 0.05
 CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
@@ -161,4 +163,6 @@ def pressed(recording: Recording, tool: str) -> np.ndarray:
     force = measured(recording, 0.0, last)[tool]
     size = np.linalg.norm(force.value, axis=1)
     now = np.interp(recording.time - recording.time[0], force.time, size)
-    return np.asarray(now > PRESSED * size.max())
+    return np.asarray(
+        now > np.clip(HEARD * force.noise, *np.multiply((PRESSED, SURELY), size.max()))
+    )
