@@ -1,6 +1,10 @@
 """Pictures of a specimen whose motion is known, tracked by a process that sees nothing else."""
 
+import os
+import signal
+import time
 from dataclasses import replace
+from threading import Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -136,18 +140,42 @@ def test_a_process_that_fails_says_why_in_a_line(tmp_path):
     assert "\n" not in str(told.value)
 
 
-def test_what_was_simulated_is_kept_where_tracking_fails(scenario, tmp_path, monkeypatch):
+def test_a_process_that_is_interrupted_hears_it_once_and_tidies_up(tmp_path, monkeypatch):
+    child = tmp_path / "child"
+    child.write_text(
+        "#!/bin/sh\ntrap 'echo heard >> told; exit 130' INT\ntouch begun\nwhile :; do sleep .05; done\n"
+    )
+    child.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(child))
+
+    def interrupt():
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    Thread(target=interrupt, daemon=True).start()
+    with pytest.raises(KeyboardInterrupt):
+        run_in(tmp_path, "track")
+    assert (tmp_path / "told").read_text() == "heard\n"
+
+
+@pytest.mark.parametrize("problem", [ValueError("track: lost"), KeyboardInterrupt()], ids=type)
+def test_what_was_simulated_is_kept_where_tracking_fails(
+    problem, scenario, tmp_path, monkeypatch, capsys
+):
     def fails(folder, *words):
-        raise ValueError(f"{words[0]}: lost")
+        raise problem
 
     made = particles(scenario)
     monkeypatch.setattr(probe, "prepare", lambda *_, **__: SimpleNamespace(duration=0.1))
     monkeypatch.setattr(probe, "record", lambda *_: made)
     monkeypatch.setattr(simulate, "run_in", fails)
     out = tmp_path / "o"
-    with pytest.raises(ValueError, match=r"track: lost; .* are kept in .*o.seen") as told:
+    with pytest.raises(type(problem)) as raised:
         simulate.Simulate("press", SMALL, perception="stereo", out=out, page=False).run()
-    assert "\n" not in str(told.value) and read(out / "seen" / "probe.h5").points == 1
+    told = str(raised.value) or capsys.readouterr().err.strip()
+    assert "rig and probe are kept in" in told and "\n" not in told
+    assert read(out / "seen" / "probe.h5").points == 1
     assert len(list((out / "seen" / "pictures").iterdir())) == 2 * FRAMES
     assert (out / "truth.json").is_file() and not (out / "recording.h5").exists()
 

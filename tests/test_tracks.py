@@ -2,8 +2,10 @@
 
 import json
 import shutil
+import struct
 import subprocess
 import sys
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -218,6 +220,8 @@ def test_cameras_that_are_none_are_refused(seen):
         ("bright", "change the exposure"),
         ("size", "calibrated are 320 x 240"),
         ("text", "not a picture"),
+        ("huge", "not a picture"),
+        ("cut", "not a picture"),
         ("name", "CAMERA_NUMBER"),
         ("stops", "seen by all cameras"),
     ],
@@ -240,6 +244,16 @@ def test_bad_pictures_are_one_line(seen, tmp_path, change, words):
         cv2.imwrite(str(tmp_path / name), picture)
     if change == "text":
         (tmp_path / "left_0000.png").write_text("no picture")
+    if change == "huge":  # of a size that no header may state, its checksum right
+        path = tmp_path / "left_0000.png"
+        whole = path.read_bytes()
+        head = b"IHDR" + struct.pack(">II", 200_000, 200_000) + whole[24:29]
+        path.write_bytes(whole[:12] + head + struct.pack(">I", zlib.crc32(head)) + whole[33:])
+    if change == "cut":
+        path = tmp_path / "left_0000.jpg"
+        cv2.imwrite(str(path), cv2.imread(str(tmp_path / "left_0000.png"), cv2.IMREAD_GRAYSCALE))
+        path.write_bytes(path.read_bytes()[:-2000])
+        (tmp_path / "left_0000.png").unlink()
     rig.write(tmp_path / "rig.yaml")
     out = tmp_path / "tracks.h5"
     with pytest.raises(ValueError, match=words) as told:

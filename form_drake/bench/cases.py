@@ -23,7 +23,7 @@ def fingerprint(*inputs: Path) -> str:
     A saved case counts only with it.
     """
     digest = hashlib.sha256()
-    for name in ("warp-lang", "numpy", "scipy", "h5py"):
+    for name in ("warp-lang", "numpy", "scipy", "h5py", "opencv-python-headless"):
         digest.update(f"{name} {version(name)}\n".encode())
     for folder in (PACKAGE, ORACLES):
         for source in sorted((*folder.rglob("*.py"), *folder.rglob("nulls.json"))):

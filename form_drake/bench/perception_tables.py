@@ -15,6 +15,7 @@ GOALS: dict[str, Any] = {  # sizes of errors [%], share of true values in 90 % i
     "coverage_90": (0.8, 0.98),
     "broken": 3.0,
 }
+KEYS = {"press": ("E", "tau_y"), "bend": ("E",)}  # what probes tell
 LOST = 0.5  # share of the points in all frames
 PAPER = {
     "bend_a": {"E": 0.76},
@@ -86,22 +87,22 @@ def _inside(found: dict[str, Any]) -> str:
 def _specimens(probe: str, drawn: list[dict[str, Any]]) -> tuple[list[str], list[bool]]:
     """Median and worst over the drawn specimens, and which values their intervals hold.
 
-    One that is refused counts as endless. Goals are for all of them: fewer are told without a verdict.
+    One that is refused counts as endless, and as held by nothing. Goals are for all of them: fewer are told without a verdict.
     """
     lines, every = [], []
-    for key in sorted({k for r in drawn for k in r["errors"]}):
-        sizes = [abs(r["errors"][key]["error"]) if r["errors"] else np.inf for r in drawn]
-        z = np.array(
-            [r["errors"][key]["error"] / r["errors"][key]["std"] for r in drawn if r["errors"]]
-        )
-        held = np.abs(z) <= NORMAL_90
-        median, worst = float(np.median(sizes)), max(sizes)
+    answered = [r["errors"] for r in drawn if r["errors"]]
+    for key in KEYS[probe] if drawn else ():
+        found = np.array([[e[key]["error"], e[key]["std"]] for e in answered]).reshape(-1, 2)
+        sizes = np.append(np.abs(found[:, 0]), np.full(len(drawn) - len(found), np.inf))
+        z = found[:, 0] / found[:, 1]
+        held = np.append(np.abs(z) <= NORMAL_90, np.zeros(len(drawn) - len(z), dtype=bool))
+        median, worst = float(np.median(sizes)), float(sizes.max())
         verdicts = met(median, GOALS["median"]), met(worst, GOALS["worst"])
         middle, far = (f" {v}" * (len(drawn) >= SPECIMENS) for v in verdicts)
+        wide = f", rms of error / std {np.sqrt(np.mean(z**2)):.2f}" if len(z) else ""
         lines.append(
             f"{probe} {key}, {len(drawn)} of {SPECIMENS} specimens: median {median:.2f}{middle},"
-            f" worst {worst:.2f}{far}, 90 % intervals hold {held.sum()} of {len(held)},"
-            f" rms of error / std {np.sqrt(np.mean(z**2)):.2f}"
+            f" worst {worst:.2f}{far}, 90 % intervals hold {held.sum()} of {len(held)}{wide}"
         )
         every += held.tolist()
     return lines, every

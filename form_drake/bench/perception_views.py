@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -94,12 +95,12 @@ class Views:
 
         name = SHOWN_AS[case.split("-")[0]]
         scenario = load_scenario(name)
-        digest = hashlib.sha256()
+        rate = scenario.stereo.rate
+        digest = hashlib.sha256(f"{LATTICE} {rate:.0f}\n".encode())
         for path in sorted(oracles.ORACLES.glob("finite*.py")):
             digest.update(path.read_bytes())
         folder = self.folder / f"finite-{digest.hexdigest()[:12]}"
         truth = folder / f"{case}.truth.json"
-        rate = scenario.stereo.rate
         if not truth.is_file():
             words = ["--lattice", str(LATTICE), "--fps", f"{rate:.0f}", "--out", folder]
             hangs = ["--gravity"] * case.startswith("bend")
@@ -121,7 +122,8 @@ class Views:
 
 def _code() -> str:
     """Digest of what tracks depend on beside a scenario: simulated, photographed, tracked."""
-    return code() + code(begin=PHOTOGRAPH) + code(begin=TRACK, readers=())
+    opencv = version("opencv-python-headless")
+    return code() + code(begin=PHOTOGRAPH) + code(begin=TRACK, readers=()) + opencv
 
 
 def _looked(scenario: "Scenario", particles: Recording, kept: Kept) -> Recording:

@@ -1,8 +1,10 @@
 """How every command speaks: tables or one JSON object on standard output, the rest on standard error."""
 
 import json
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +14,8 @@ from form_drake.files import plain, target
 
 Assignments = Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...")]
 Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH=VALUE")]
+
+TIDIES = 10.0  # [s] that a process has to end in when it is interrupted
 
 
 def emit(text: str, value: dict[str, Any], *, as_json: bool) -> None:
@@ -29,12 +33,27 @@ def run_in(folder: Path, *words: str) -> None:
 
     Raises:
         ValueError: what it says, where it fails.
+        KeyboardInterrupt: which it is told once, with time to tidy up.
     """
-    command = [sys.executable, "-m", "form_drake", *words]
-    done = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise ValueError(f"{words[0]}: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
-    for line in done.stderr.splitlines():
+    with subprocess.Popen(
+        [sys.executable, "-m", "form_drake", *words],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # else a terminal would tell it as well
+    ) as child:
+        try:
+            told = child.communicate()[1]
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(TIDIES)
+            child.kill()
+            raise
+    if child.returncode:
+        raise ValueError(f"{words[0]}: {(told.strip() or 'failed').splitlines()[-1]}")
+    for line in told.splitlines():
         if not line.startswith(("Warp", "written")):
             say(line)
 

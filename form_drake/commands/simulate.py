@@ -98,7 +98,7 @@ class Simulate:
             if meshcat is not None and self.page:
                 run.write_page(folder / "station.html")
         if seen and not within:
-            recording = self._tracked(out)
+            recording = self._tracked(out, scenario.solver.device)
         result = {
             "scenario": scenario.name,
             "recording": str(out / "recording.h5"),
@@ -127,23 +127,27 @@ class Simulate:
         rig.write(seen / "rig.yaml")
         write_recording(beside_pictures(particles, scenario.stereo.symmetry), seen / "probe.h5")
         with tqdm(total=particles.frames, unit="pair", disable=None, delay=2, leave=False) as bar:
-            write_pictures(seen / "pictures", scenario, rig, particles, self.device, bar.update)
+            place = seen / "pictures"
+            write_pictures(place, scenario, rig, particles, scenario.solver.device, bar.update)
 
-    def _tracked(self, out: Path) -> Recording:
+    def _tracked(self, out: Path, device: str) -> Recording:
         """The recording that a process makes of what cameras saw alone.
 
         Raises:
             ValueError: it fails; what was simulated is kept.
+            KeyboardInterrupt: the same.
         """
+        kept = f"pictures, rig and probe are kept in {out / 'seen'}: form-drake track reads them"
         recording, page = (str(out.resolve() / name) for name in ("recording.h5", "seen.html"))
         given = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5")
-        made = ("--out", recording, "--report", page, "--device", self.device)
+        made = ("--out", recording, "--report", page, "--device", device)
         try:
             run_in(out / "seen", "track", *given, *made)
         except ValueError as error:
-            raise ValueError(
-                f"{error}; pictures, rig and probe are kept in {out / 'seen'}: form-drake track reads them"
-            ) from None
+            raise ValueError(f"{error}; {kept}") from None
+        except KeyboardInterrupt:
+            say(kept)
+            raise
         return read_recording(Path(recording))
 
 

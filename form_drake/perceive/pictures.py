@@ -14,6 +14,7 @@ NAME = re.compile(r"(?P<camera>.+)_(?P<frame>\d+)\.(png|tif|tiff|bmp|pgm|jpg|jpe
 DARK, BRIGHT = 2, 253  # grey values at which a sensor may be at its end
 BLANK = 0.99  # share of the pixels there, with which a picture shows nothing
 SPARSE = 8  # frames to a picture, above which numbers are stamps
+JPEG, SCAN, END = (".jpg", ".jpeg"), b"\xff\xda", b"\xff\xd9"  # and markers, which no data hold
 WHITE = 255.0  # the brightest grey value, and that of eight bits
 
 
@@ -150,12 +151,23 @@ def _told(path: Path) -> np.ndarray:
     import cv2
 
     ways = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    found = cv2.imread(str(path), ways)
-    if found is None:
+    try:
+        found = cv2.imread(str(path), ways)
+    except cv2.error:  # a header that no picture has
+        found = None
+    if found is None or _cut(path):
         raise UnusableError(f"{path}: not a picture that can be read")
     if found.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: grey values of {found.dtype}; 8 and 16 bits are read")
     return np.asarray(found)
+
+
+def _cut(path: Path) -> bool:
+    """Whether a JPEG ends within its last scan, of which OpenCV makes up the rest."""
+    if path.suffix.lower() not in JPEG:
+        return False
+    held = path.read_bytes()
+    return held.rfind(END) < held.rfind(SCAN)
 
 
 def _grey(path: Path, camera: Camera, white: float) -> np.ndarray:
