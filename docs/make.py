@@ -238,9 +238,8 @@ def effects_table() -> str:
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
-def blind_table() -> str:
-    """What the verdicts on the sealed set are worth."""
-    folder = DOCS / "blind"
+def blind_table(folder: Path) -> str:
+    """What the verdicts on a sealed set are worth."""
     files = (folder / f for f in ("blind.json", "key.json", "key.sha256"))
     return f"\n```text\n{blind_score.table(blind_score.score(*files))}\n```\n\n"
 
@@ -453,14 +452,15 @@ def api_page() -> str:
 def pages() -> dict[Path, str]:
     """Every page that the code determines, as it must be."""
     theory, recording = DOCS / "theory.md", DOCS / "recording.md"
-    effects = DOCS / "effects.md"
+    effects, sealed = DOCS / "effects.md", DOCS / "blind"
+    told = marked(effects.read_text(), "effects", effects_table())
+    for name, folder in {"blind": sealed, "blind-second": sealed / "second"}.items():
+        told = marked(told, name, blind_table(folder))
     layout = marked(recording.read_text(), "layout", layout_table())
     layout = marked(layout, "solver", settings_table(Solver))
     return {
         theory: marked(theory.read_text(), "laws", laws_table()),
-        effects: marked(
-            marked(effects.read_text(), "effects", effects_table()), "blind", blind_table()
-        ),
+        effects: told,
         recording: marked(layout, "walls", settings_table(Wall)),
         DOCS / "api.md": api_page(),
     }

@@ -31,7 +31,8 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     z, p = 1.96, hits / count
     middle = p + z * z / (2.0 * count)
     half = z * np.sqrt(p * (1.0 - p) / count + z * z / (4.0 * count**2))
-    return tuple(float((middle + s * half) / (1.0 + z * z / count)) for s in (-1.0, 1.0))  # type: ignore[return-value]
+    low, high = ((middle + s * half) / (1.0 + z * z / count) for s in (-1.0, 1.0))
+    return max(float(low), 0.0), min(float(high), 1.0)  # round-off leaves the range
 
 
 def right(effect: str, named: Mapping[str, Any]) -> bool:
