@@ -98,3 +98,20 @@ def test_a_force_across_a_smooth_plate_is_one_that_it_should_not_feel():
     quiet = replace(read, forces={"plate": replace(read.forces["plate"], noise=0.0)})
     noise, none = (noise_of(p, LAW, TRUTH, LAW.theta(TRUTH)) for p in (read, quiet))
     assert np.diag(noise)[rows].min() > 0.0 and not none[np.ix_(rows, rows)].any()
+
+
+def test_a_corner_that_folds_is_looked_at_and_no_more():
+    """Of a bonded face displacements are told, and no stress: tracks inside tell least of its corners."""
+    still = press(0.0)
+    x, y, z = (still.reference / EDGE + [0.5, 0.5, 0.0]).T
+    turned = (
+        0.43 * EDGE * x**5 * y**5 * (1.0 - z) ** 3
+    )  # by -1.3 in the corner, and inside by less than -1
+    p_WQ = still.p_WQ.copy()
+    p_WQ[:, :, 2] += np.outer(np.linspace(0.0, 1.0, still.frames) ** 2, turned)
+    contact = {"z-": "bonded floor", "z+": "bonded plate", "other": "free"}
+    made = probe(replace(still, p_WQ=p_WQ, contact=contact, poses={}), "press", 0.004)
+    corner = np.argmin(np.linalg.norm(made.motion.X - [0.01, 0.01, 0.0], axis=1))
+    assert made.motion.x[-1, corner, 2] == pytest.approx(0.43 * EDGE, rel=0.05)
+    inside = made.motion.volume > 0.0
+    assert not inside[corner] and 0.0 < made.motion.J[-1, inside].min() < 0.4

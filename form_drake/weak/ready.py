@@ -57,8 +57,11 @@ def prepared(
         if exchange:
             X, volume = halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
+        # a point that is looked at alone, on a corner maybe, may fold as it likes
+        held = (volume > 0.0)[:, None, None]
         return replace(
             found,
+            gradient=found.gradient if held.all() else held * found.gradient,
             hessian=fit.space.scalar.hessian(X) if curved else None,
             pressure=supplied(recording, recording.pressure, fit, time, X),
             body_force=supplied(recording, recording.body_force, fit, time, X),
