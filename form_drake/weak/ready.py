@@ -57,11 +57,9 @@ def prepared(
         if exchange:
             X, volume = halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
-        # a point that is looked at alone, on a corner maybe, may fold as it likes
-        held = (volume > 0.0)[:, None, None]
         return replace(
             found,
-            gradient=found.gradient if held.all() else held * found.gradient,
+            gradient=_unfolded(found, fit),
             hessian=fit.space.scalar.hessian(X) if curved else None,
             pressure=supplied(recording, recording.pressure, fit, time, X),
             body_force=supplied(recording, recording.body_force, fit, time, X),
@@ -99,6 +97,18 @@ def prepared(
             f"{name}: the motion through the tracks folds the body: too few or too noisy"
         )
     return probe
+
+
+def _unfolded(sampling: Sampling, fit: Fit) -> np.ndarray:
+    """Gradients of a sampling; none where a point without volume folds: tracks tell least of corners."""
+    alone = np.flatnonzero(sampling.volume == 0.0)
+    if not len(alone):
+        return sampling.gradient
+    X, none = sampling.X[alone], sampling.volume[alone]
+    looks = Sampling.of(fit, sampling.time, X, none, sampling.density).motion(fit.c)
+    gradient = sampling.gradient.copy()
+    gradient[alone[looks.J.min(axis=0) <= 0.0]] = 0.0
+    return gradient
 
 
 def _check(fields: Fields, motion: Motion) -> None:
