@@ -90,6 +90,20 @@ def test_what_stands_behind_a_face_is_a_stretch_where_nothing_holds_its_sides():
     assert np.sqrt(np.mean((motion.x - wanted) ** 2)) < 2.0 * NOISE
 
 
+def test_points_that_are_hidden_for_long_tell_nothing_and_spoil_nothing():
+    X, share = on_face(0, 1), np.linspace(0.0, 1.0, 16)
+    u = np.stack([stretched(X, 1.0 - 0.1 * s**2) for s in share])
+    contact = {"z-": "frictionless floor", "other": "free"}
+    made = block(u, X, face=1, contact=contact, p_reference=X)
+    corner = (X / HIGH).sum(axis=1) < np.quantile((X / HIGH).sum(axis=1), 0.2)
+    valid = ~np.outer((share > 0.2) & (share < 0.6), corner)
+    some, whole = (Seen.of(r, body(made)) for r in (replace(made, valid=valid), made))
+    assert (
+        np.abs(some.u - u)[~valid].max() > 50.0 * NOISE
+    )  # lines from where they were to where they are
+    assert some.sd < 1.2 * whole.sd and some.space.size == whole.space.size
+
+
 @pytest.mark.parametrize(
     "course",
     [np.linspace(0.0, 1.0, 12), [0.0, 0.25, 0.5, 0.75, 1.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0]],

@@ -41,7 +41,8 @@ def chosen_cells(
     Returns:
         Splines, and the root mean square error at left-out points in all frames [m].
     """
-    fields, _ = looked_at(u, np.ones_like(valid), noise)
+    every = np.ones_like(valid)
+    fields, looked = looked_at(u, every, noise)
     size = body.high - body.low
     tried: list[tuple[Space, float]] = []
     for n in count():
@@ -50,11 +51,11 @@ def chosen_cells(
         if tried and space.size > MOST:
             break
         if not tried or space.size > tried[-1][0].size:
-            tried.append((space, cross_validated(space, X, fields, whitening)))
+            tried.append((space, cross_validated(space, X, fields, looked, whitening)))
     least = min(error for _, error in tried)
     limit = np.hypot(SLACK * least, ROOM * noise)
     space = next(space for space, error in reversed(tried) if error <= limit)
-    return space, cross_validated(space, X, u, whitening)
+    return space, cross_validated(space, X, u, valid, whitening)
 
 
 def _space(body: Body, spans: np.ndarray, symmetry: Symmetry) -> Space:
@@ -67,7 +68,7 @@ def _space(body: Body, spans: np.ndarray, symmetry: Symmetry) -> Space:
 
 
 def cross_validated(
-    space: Space, X: np.ndarray, fields: np.ndarray, whitening: np.ndarray
+    space: Space, X: np.ndarray, fields: np.ndarray, valid: np.ndarray, whitening: np.ndarray
 ) -> float:
     """Root mean square error [m] of fields at left-out points of a surface, as if all were alike.
 
@@ -78,6 +79,7 @@ def cross_validated(
         space: of the fields.
         X: points [m], shape [points, 3].
         fields: shape [fields, points, 3].
+        valid: where they count, shape [fields, points].
         whitening: as in ``chosen_cells``.
     """
     (block,) = space.blocks
@@ -85,5 +87,13 @@ def cross_validated(
     U, S, _ = np.linalg.svd(D.reshape(-1, block.size), full_matrices=False)
     U = U[:, S > FAINT * S[0]]
     flat = np.einsum("pij,fpj->pif", whitening, fields, optimize=True).reshape(len(U), -1)
-    rest = flat - U @ (U.T @ flat)
-    return float(np.sqrt(np.mean(rest**2)) / max(1.0 - U.shape[1] / len(U), FAINT))
+    rows = np.repeat(valid, 3, axis=1)
+    for seen in np.unique(rows[~rows.all(axis=1)], axis=0):
+        own = (rows == seen).all(axis=1)
+        told = U[seen].T @ flat[np.ix_(seen, own)]
+        # what the functions make of the others, fitted to those that count alone
+        left = np.eye(np.sum(~seen)) - U[~seen] @ U[~seen].T
+        flat[np.ix_(~seen, own)] = np.linalg.lstsq(left, U[~seen] @ told, rcond=None)[0]
+    rest = (flat - U @ (U.T @ flat)) * rows.T
+    size, count = np.sqrt(np.sum(rest**2) / rows.sum()), rows.sum() / len(rows)
+    return float(size / max(1.0 - U.shape[1] / count, FAINT))
