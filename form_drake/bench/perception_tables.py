@@ -1,5 +1,6 @@
 """The result of the bench of perception as plain tables."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,18 @@ def _stereo(own: dict[str, Any]) -> list[str]:
         found, inside = _specimens(probe, some)
         lines, held = lines + found, held + inside
     if all(len(some) >= SPECIMENS for some in drawn.values()):
-        low, high = GOALS["coverage_90"]
-        share = float(np.mean(held))
-        lines.append(
-            f"both probes: 90 % intervals hold {sum(held)} of {len(held)} values, {100 * share:.0f} %"
-            f" {'met' if low <= share <= high else 'MISSED'} (goal {100 * low:.0f} to {100 * high:.0f})"
-        )
+        told, verdict = _covered(held)
+        lines.append(f"both probes together, {len(held)} values: {told}{verdict}")
     return lines
+
+
+def _covered(held: Sequence[bool]) -> tuple[str, str]:
+    """How many values their intervals hold, and whether that is as many as there should be."""
+    low, high = GOALS["coverage_90"]
+    share = float(np.mean(held))
+    verdict = "met" if low <= share <= high else "MISSED"
+    goal = f"(goal {100 * low:.0f} to {100 * high:.0f})"
+    return f"90 % intervals hold {100 * share:.0f} %", f" {verdict} {goal}"
 
 
 def _inside(found: dict[str, Any]) -> str:
@@ -87,7 +93,8 @@ def _inside(found: dict[str, Any]) -> str:
 def _specimens(probe: str, drawn: list[dict[str, Any]]) -> tuple[list[str], list[bool]]:
     """Median and worst over the drawn specimens, and which values their intervals hold.
 
-    One that is refused counts as endless, and as held by nothing. Goals are for all of them: fewer are told without a verdict.
+    One that is refused counts as endless, and as held by nothing. Goals are for all of them: fewer are
+    told without a verdict.
     """
     lines, every = [], []
     answered = [r["errors"] for r in drawn if r["errors"]]
@@ -97,12 +104,13 @@ def _specimens(probe: str, drawn: list[dict[str, Any]]) -> tuple[list[str], list
         z = found[:, 0] / found[:, 1]
         held = np.append(np.abs(z) <= NORMAL_90, np.zeros(len(drawn) - len(z), dtype=bool))
         median, worst = float(np.median(sizes)), float(sizes.max())
-        verdicts = met(median, GOALS["median"]), met(worst, GOALS["worst"])
-        middle, far = (f" {v}" * (len(drawn) >= SPECIMENS) for v in verdicts)
+        share, within = _covered(held.tolist())
+        verdicts = f" {met(median, GOALS['median'])}", f" {met(worst, GOALS['worst'])}", within
+        middle, far, within = (v * (len(drawn) >= SPECIMENS) for v in verdicts)
         wide = f", rms of error / std {np.sqrt(np.mean(z**2)):.2f}" if len(z) else ""
         lines.append(
             f"{probe} {key}, {len(drawn)} of {SPECIMENS} specimens: median {median:.2f}{middle},"
-            f" worst {worst:.2f}{far}, 90 % intervals hold {held.sum()} of {len(held)}{wide}"
+            f" worst {worst:.2f}{far}, {share}{within}{wide}"
         )
         every += held.tolist()
     return lines, every

@@ -113,12 +113,9 @@ class Seen:
 
 def _stated(recording: Recording, body: Body) -> Symmetry:
     """The symmetry that a recording states, refused where its box has not got it."""
-    symmetry, size = (
-        Symmetry.stated(str(recording.geometry.get("symmetry", ""))),
-        body.high - body.low,
-    )
+    symmetry = Symmetry.stated(str(recording.geometry.get("symmetry", "")))
     if axes := list(symmetry.exchange):
-        a, b = size[axes]
+        a, b = (body.high - body.low)[axes]
         if abs(a / b - 1.0) > SQUARE:
             names = "".join("xyz"[axis] for axis in axes)
             raise ValueError(

@@ -12,6 +12,9 @@ from form_drake.workers import parted
 
 SMALL = 1e-5  # correlation below which windows are taken to share no noise
 TOGETHER = 2**22  # numbers in what is multiplied at once
+PARTS = (
+    4  # of a sum, on so many cores at most: the same on every machine, so that its last digits are
+)
 
 
 def track_noise(
@@ -121,21 +124,21 @@ def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
     moments, functions, rows = windows[0][0].shape[1], scale.shape[1], m * len(windows)
     scale = np.broadcast_to(scale, (moments, functions))
     slopes = [np.ascontiguousarray(own.T) for _, own in windows]
-    firsts = range(0, moments, max(1, TOGETHER // (rows * functions)))
-    sums = np.empty((len(firsts), rows, rows))
+    count = max(1, TOGETHER // (rows * functions))
+    sums = np.zeros((PARTS, rows, rows))
 
     def summed(some: slice) -> None:
         for n in range(some.start, some.stop):
-            own = slice(firsts[n], firsts[n] + firsts.step)
-            pulled = np.stack(
-                [part @ pull[:, own] for part, (pull, _) in zip(slopes, windows, strict=True)]
-            )
-            pulled *= scale[own].T
-            flat = pulled.reshape(rows, -1)
-            np.matmul(flat, flat.T, out=sums[n])
+            for first in range(n * count, moments, PARTS * count):
+                own = slice(first, first + count)
+                ways = zip(slopes, windows, strict=True)
+                pulled = np.stack([part @ pull[:, own] for part, (pull, _) in ways])
+                pulled *= scale[own].T
+                flat = pulled.reshape(rows, -1)
+                sums[n] += flat @ flat.T
 
-    parted(summed, len(firsts), 1)
-    return sums.sum(axis=0)  # in an order that no number of cores changes
+    parted(summed, PARTS, 1)
+    return np.asarray(sums.sum(axis=0))
 
 
 def _window(

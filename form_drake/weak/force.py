@@ -163,6 +163,5 @@ def pressed(recording: Recording, tool: str) -> np.ndarray:
     force = measured(recording, 0.0, last)[tool]
     size = np.linalg.norm(force.value, axis=1)
     now = np.interp(recording.time - recording.time[0], force.time, size)
-    return np.asarray(
-        now > np.clip(HEARD * force.noise, *np.multiply((PRESSED, SURELY), size.max()))
-    )
+    least, most = PRESSED * size.max(), SURELY * size.max()
+    return np.asarray(now > np.clip(HEARD * force.noise, least, most))
