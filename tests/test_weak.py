@@ -286,7 +286,8 @@ def test_noise_that_lasts_is_that_of_draws(exact):
         moved = problem.disturbed(eta, problem.changes([(change, {})]), 0.01)
         drawn.append(((moved[1] - b) - (moved[0] - A) @ theta) / 0.01)
     power = np.mean(np.square(drawn), axis=0)
-    (lasting,), (own,) = problem.lasting_noise(eta, theta), problem.noise(eta, theta)
+    lasting = problem.passed(eta, theta, [np.eye(len(b))])
+    (own,) = problem.noise(eta, theta)
     force = np.diag(from_forces(probe))[probe.keep]
     claimed = [np.median(power / (np.diag(n) - force)) for n in (lasting, own)]
     assert claimed[0] == pytest.approx(1.0, abs=0.12)

@@ -204,14 +204,17 @@ class Problem:
         values, theta = self.values(eta), theta * self.unknowns.columns
         return [errors.noise(p, self.unknowns.law, values, theta) for p in self.probes]
 
-    def lasting_noise(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
-        """The same with what noise leaves in plastic strain.
+    def passed(self, eta: np.ndarray, theta: np.ndarray, gain: Sequence[np.ndarray]) -> np.ndarray:
+        """The same of combinations of all rows, with what noise leaves in plastic strain.
 
         Few points will do, and what history takes back must be read where it was added.
+
+        Args:
+            eta: logarithms of the nonlinear constants.
+            theta: coefficients of all terms.
+            gain: of each probe's rows, shape [combinations, rows].
         """
-        law, values = self.unknowns.law, self.values(eta)
-        theta = theta * self.unknowns.columns
-        return [errors.noise(p, law, values, theta, lasting=True) for p in self.coarser.probes]
+        return self._combined(errors.passed, self.coarser.probes, eta, theta, gain)
 
     @cached_property
     def missed(self) -> list[np.ndarray]:
@@ -219,10 +222,21 @@ class Problem:
         none = 0.0 if self.offset is not None else 1.0
         return [none * errors.missed(p) for p in self.probes]
 
-    def doubt(self, eta: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
+    def doubt(self, eta: np.ndarray, theta: np.ndarray, gain: Sequence[np.ndarray]) -> np.ndarray:
         """The same from what no track tells."""
+        return self._combined(errors.doubt, self.probes, eta, theta, gain)
+
+    def _combined(
+        self,
+        errors_of: Callable[..., np.ndarray],
+        probes: Sequence[Probe],
+        eta: np.ndarray,
+        theta: np.ndarray,
+        gain: Sequence[np.ndarray],
+    ) -> np.ndarray:
         values, theta = self.values(eta), theta * self.unknowns.columns
-        return [errors.doubt(p, self.unknowns.law, values, theta) for p in self.probes]
+        law, pairs = self.unknowns.law, zip(probes, gain, strict=True)
+        return np.asarray(sum(errors_of(p, law, values, theta, own) for p, own in pairs))
 
     def solved(self, system: WeakSystem, by: Weights) -> Solution:
         """The linear solution of a system under the signs that physics demands."""

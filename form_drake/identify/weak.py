@@ -24,6 +24,7 @@ from form_drake.weak.solve import (
     Solution,
     Weights,
     balanced,
+    gains,
     ordinary,
     passed_on,
     solved,
@@ -175,15 +176,15 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
     if options.estimator == "ols":
         free = ordinary(J, target, totals(noise, system.scale, by.error))
         by = equal
+    gain = gains(J, by)
     if problem.unknowns.law.flow == "plastic":
-        lasting = _and(problem.lasting_noise(eta, theta), problem.missed)
-        true = totals(lasting, system.scale, ready.by.error)
-        path = throughout(system, theta, max(ready.by.error, PATH), list(map(len, true)))
-        covariance = passed_on(J, by, [t + p for t, p in zip(true, path, strict=True)])
+        path = throughout(system, theta, max(by.error, PATH), list(map(len, noise)))
+        own = totals(problem.missed, system.scale, by.error)
+        true = [t + p for t, p in zip(own, path, strict=True)]
+        covariance = problem.passed(eta, theta, gain) + passed_on(gain, true)
         free = replace(free, covariance=covariance)
     if any(p.fit.doubt for p in problem.probes):
-        unseen = passed_on(J, by, problem.doubt(eta, theta))
-        free = replace(free, covariance=free.covariance + unseen)
+        free = replace(free, covariance=free.covariance + problem.doubt(eta, theta, gain))
     phi = solution.theta
     refuse(problem, system, phi, free)
     keys, point, spread = parameters(problem, phi, eta)

@@ -20,6 +20,7 @@ from form_drake.motion.drift import centred
 from form_drake.motion.modes import modes
 from form_drake.motion.space import Space, Symmetry, paired
 from form_drake.motion.splines import Splines, Tensor
+from form_drake.workers import parted
 
 # (spans, degree) along one axis in the order in which they are tried
 LADDER = (
@@ -193,6 +194,19 @@ class _Bases:
                     self._known[key] = press(space, X, self._whole(space), valid)
         return self._known[key]
 
+    def _looked(self, some: Sequence[tuple[int, ...]], symmetry: Symmetry) -> None:
+        """Errors of some bases, as many at a time as there are cores."""
+        new = sorted({r for r in some if (r, symmetry) not in self._known})
+        spaces = [self.space(r, symmetry) for r in new]  # which share what they are made of
+        if spaces:
+            self._whole(spaces[0])
+
+        def each(part: slice) -> None:
+            for rungs in new[part]:
+                self._left_out(rungs, symmetry)
+
+        parted(each, len(new), 1)
+
     def _missed(self, rungs: tuple[int, ...], symmetry: Symmetry) -> float:
         """Mean square error at left-out tracks [m^2], less the share that noise has in the residual."""
         error, rest, free = self._left_out(rungs, symmetry)
@@ -225,6 +239,7 @@ class _Bases:
         functions, along axes that are needed; if that is too dear, the best of those that surely gain."""
         nexts = {symmetry.evened(tuple((np.array(now) + c).tolist())) for c in CLIMBS}
         near = [r for r in sorted(nexts) if max(r) < len(LADDER)]
+        self._looked(near, symmetry)
         near = [r for r in near if np.isfinite(self.error(r, symmetry))]
         found = self._best(now, near, symmetry)
         if found is None or self.error(found, symmetry) < limit:
@@ -297,7 +312,7 @@ class _Bases:
         groups: list[tuple[int, ...]] = [(a,) for a in range(3) if a not in symmetry.exchange]
         groups += [symmetry.exchange] * bool(symmetry.exchange)
         while self.error(best, symmetry) > floor:
-            tried = {best: self.error(best, symmetry)}
+            keys = []
             for (less, more), down, up in product(permutations(groups, 2), (1, 2), (1, 2)):
                 own = np.array(best)
                 own[list(less)] -= down
@@ -306,7 +321,9 @@ class _Bases:
                 if not 0 <= min(key) <= max(key) < len(LADDER):
                     continue
                 if self.space(key, symmetry).size >= least:
-                    tried[key] = self.error(key, symmetry)
+                    keys.append(key)
+            self._looked(keys, symmetry)
+            tried = {key: self.error(key, symmetry) for key in (best, *keys)}
             found = min(tried, key=lambda r: tried[r])
             gain = tried[best] ** 2 - tried[found] ** 2
             if found == best or gain < (ROOM * self._noise) ** 2:

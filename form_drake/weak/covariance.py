@@ -1,7 +1,8 @@
 """Covariance of the rows from the noise of the tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +18,91 @@ PARTS = (
 )
 
 
-def track_noise(
+def track_noise(parts: Iterable["Part"]) -> np.ndarray:
+    """Covariance of all rows [(N m s)^2], windows outermost."""
+    return np.asarray(sum(_covariance(part) for part in parts))
+
+
+def combined_noise(parts: Iterable["Part"], gain: np.ndarray) -> np.ndarray:
+    """Covariance of few combinations of the rows [(N m s)^2], shape [combinations, combinations].
+
+    Products of all rows, of which there are many, are not needed for it.
+
+    Args:
+        parts: of the error of the motion.
+        gain: combinations of all rows, shape [combinations, rows].
+    """
+    total = np.zeros((len(gain),) * 2)
+    for part in parts:
+        windows = range(len(part.windows))
+        own = gain.reshape(len(gain), len(windows), -1)
+        for some in part.together(len(gain)):
+            flat = part.pulled(windows, own, some).reshape(len(gain), -1)
+            total += flat @ flat.T
+    return total
+
+
+def variances(parts: Iterable["Part"]) -> np.ndarray:
+    """Of all rows [(N m s)^2]: the diagonal of ``track_noise``."""
+    return np.asarray(sum(part.variances() for part in parts))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Independent moments of the error of a motion, and how rows follow them.
+
+    Attributes:
+        windows: of the rows.
+        scale: standard deviations, shape [moments or 1, functions].
+    """
+
+    windows: tuple["Window", ...]
+    scale: np.ndarray
+
+    @property
+    def fields(self) -> int:
+        """Rows of each window."""
+        return int(self.windows[0].slopes.shape[2])
+
+    def variances(self) -> np.ndarray:
+        """Of all rows [(N m s)^2]."""
+        alone, found = np.eye(self.fields)[:, None], np.zeros((len(self.windows), self.fields))
+
+        def summed(own: slice) -> None:
+            for some in self.together(self.fields):
+                for n in range(own.start, own.stop):
+                    flat = self.pulled([n], alone, some).reshape(self.fields, -1)
+                    found[n] += np.einsum("rk,rk->r", flat, flat)
+
+        parted(summed, len(self.windows), 1)
+        return found.ravel()
+
+    def together(self, rows: int) -> list[slice]:
+        """Moments that are looked at together, for so many rows."""
+        moments, functions = self.windows[0].pull.shape[1], self.scale.shape[1]
+        count = max(1, TOGETHER // (rows * functions))
+        return [slice(n, n + count) for n in range(0, moments, count)]
+
+    def pulled(self, some: Sequence[int], gain: np.ndarray, moments: slice) -> np.ndarray:
+        """Combinations of the rows of some windows by moments, shape [combinations, functions, moments].
+
+        ``gain`` has the shape [combinations, windows, fields].
+        """
+        own = [self.windows[n].slopes @ gain[:, w].T for w, n in enumerate(some)]
+        pull = np.concatenate([self.windows[n].pull[:, moments] for n in some])
+        slopes = np.concatenate(own).transpose(2, 1, 0)
+        scale = self.scale if len(self.scale) == 1 else self.scale[moments]
+        return np.asarray((slopes @ pull) * scale.T)
+
+
+def parts_of(
     bases: Bases,
     families: list[Slopes],
     every: int,
     span: Windows,
     history: Sequence["Past"] = (),
-) -> np.ndarray:
-    """Covariance of all rows [(N m s)^2], windows outermost.
+) -> Iterator[Part]:
+    """Parts of the error of a motion.
 
     Args:
         bases: of the fit, at the times of the windows.
@@ -34,25 +112,32 @@ def track_noise(
         history: how every window remembers the motion before its end; empty: not at all.
     """
     parts = [np.concatenate(p, axis=2) for p in zip(*(f.parts for f in families), strict=True)]
-    looks, _, m = parts[0].shape
+    looks = len(parts[0])
     groups = np.minimum(np.rint(np.arange(len(span.time)) / every).astype(int), looks - 1)
-    total = np.zeros((m * len(span),) * 2)
     for one in bases.moments:
-        if one.series.any():  # else no noise
-            own = parts if one.mix is None else [one.mix.T @ p for p in parts]
-            windows = [
-                _window(own, groups, chi, rate, one)
-                for chi, rate in zip(span.chi, span.rate, strict=True)
-            ]
-            if history:
-                windows = [
-                    past.joined(window, one) for window, past in zip(windows, history, strict=True)
-                ]
-            total += _covariance(windows, one, m)
-    return total
+        if not one.series.any():  # no noise
+            continue
+        own = parts if one.mix is None else [one.mix.T @ p for p in parts]
+        windows = [
+            _window(own, groups, chi, rate, one)
+            for chi, rate in zip(span.chi, span.rate, strict=True)
+        ]
+        if history:
+            pairs = zip(windows, history, strict=True)
+            windows = [past.joined(window, one) for window, past in pairs]
+        yield Part(tuple(windows), one.scale)
 
 
-Window = tuple[np.ndarray, np.ndarray]  # pull of the moments [looks, moments], slopes at the looks
+class Window(NamedTuple):
+    """How moments move the rows of a window.
+
+    Attributes:
+        pull: of the moments, shape [looks, moments].
+        slopes: of the rows at the looks, shape [looks, functions, fields].
+    """
+
+    pull: np.ndarray
+    slopes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -78,23 +163,24 @@ class Past:
         """A window together with its past."""
         if not len(self.slopes):
             return window
-        pull, now = window
         own = self.slopes if moments.mix is None else moments.mix.T @ self.slopes
-        return np.concatenate([pull, self.shares @ moments.series]), np.concatenate([now, own])
+        pull = np.concatenate([window.pull, self.shares @ moments.series])
+        return Window(pull, np.concatenate([window.slopes, own]))
 
 
-def _covariance(windows: list[Window], moments: Moments, m: int) -> np.ndarray:
-    """Products of the rows of all windows, as of ``_window``: by pairs of them where that is less."""
-    looks, many = max(len(pull) for pull, _ in windows), moments.series.shape[1]
-    common = looks**2 * (m + (many if len(moments.scale) > 1 else 0))
+def _covariance(part: Part) -> np.ndarray:
+    """Products of the rows of all windows: by pairs of them where that is less."""
+    m, many = part.fields, part.windows[0].pull.shape[1]
+    looks = max(len(window.pull) for window in part.windows)
+    common = looks**2 * (m + (many if len(part.scale) > 1 else 0))
     if common + looks * m**2 < many * m**2:
-        return _by_pair(windows, moments.scale, m)
-    return _by_moment(windows, moments.scale, m)
+        return _by_pair(part)
+    return _by_moment(part)
 
 
-def _by_pair(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
+def _by_pair(part: Part) -> np.ndarray:
     """Looks are summed first, for two windows at a time that share noise."""
-    scale = scale**2
+    windows, scale, m = part.windows, part.scale**2, part.fields
     slopes = [np.ascontiguousarray(own.swapaxes(0, 1)) for _, own in windows]
     sizes = [_common(pull, scale, pull).max(axis=(1, 2), initial=0.0) for pull, _ in windows]
     total = np.zeros((len(windows), m, len(windows), m))
@@ -119,10 +205,12 @@ def _common(pull: np.ndarray, scale: np.ndarray, other: np.ndarray) -> np.ndarra
     return (scale.T @ pairs.T).reshape(-1, len(pull), len(other))
 
 
-def _by_moment(windows: list[Window], scale: np.ndarray, m: int) -> np.ndarray:
+def _by_moment(part: Part) -> np.ndarray:
     """The same, a few moments at a time."""
-    moments, functions, rows = windows[0][0].shape[1], scale.shape[1], m * len(windows)
-    scale = np.broadcast_to(scale, (moments, functions))
+    windows = part.windows
+    moments, functions = windows[0].pull.shape[1], part.scale.shape[1]
+    rows = part.fields * len(windows)
+    scale = np.broadcast_to(part.scale, (moments, functions))
     slopes = [np.ascontiguousarray(own.T) for _, own in windows]
     count = max(1, TOGETHER // (rows * functions))
     sums = np.zeros((PARTS, rows, rows))
@@ -163,4 +251,4 @@ def _window(
             (chi, moments.rate),
         )
     ][: len(parts)]
-    return np.concatenate(pulls), np.concatenate([part[first:last] for part in parts])
+    return Window(np.concatenate(pulls), np.concatenate([part[first:last] for part in parts]))

@@ -1,11 +1,13 @@
 """Covariance of a probe's rows: from its tracks and forces, and from what these do not tell."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from form_drake.laws import Law, Values
 from form_drake.motion.motion import inverse
 from form_drake.motion.smoothing import Spread
-from form_drake.weak.covariance import Past, track_noise
+from form_drake.weak.covariance import Part, Past, combined_noise, parts_of, track_noise, variances
 from form_drake.weak.history import lasting as lasting_rows
 from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.probe import Probe
@@ -18,30 +20,51 @@ LOOKS = 6  # most times in a window at which the noise is linearised
 INEXACT = 0.03
 
 
-def noise(
-    probe: Probe, law: Law, values: Values, theta: np.ndarray, *, lasting: bool = False
-) -> np.ndarray:
+def noise(probe: Probe, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
     """Covariance of b - A theta [(N m s)^2] from tracks and forces, kept rows alone.
+
+    Errors of F act at their own time alone: rows of slow flow are held for noisier than they are.
 
     Args:
         probe: whose rows.
         law: the law.
         values: its constants.
         theta: coefficients of its terms.
-        lasting: whether what noise leaves in plastic strain counts, see ``weak.history``. Without
-            it errors of F act at their own time alone: rows of slow flow are then held for
-            noisier than they are. Never along traction-free directions.
     """
-    tracks = _from_tracks(probe, law, values, theta, probe.fit.spread, lasting=lasting)
+    tracks = track_noise(_parts(probe, law, values, theta, probe.fit.spread))
     total = (tracks + from_forces(probe))[np.ix_(probe.keep, probe.keep)]
     found: np.ndarray = total + INEXACT * np.diag(np.diag(total))
     return found
 
 
-def doubt(probe: Probe, law: Law, values: Values, theta: np.ndarray) -> np.ndarray:
+def passed(
+    probe: Probe, law: Law, values: Values, theta: np.ndarray, gain: np.ndarray
+) -> np.ndarray:
+    """The same of few combinations of the rows, with what noise leaves in plastic strain.
+
+    What lasts is counted, see ``weak.history``, but along traction-free directions. ``gain`` are the
+    combinations of kept rows, shape [combinations, rows].
+    """
+    parts = list(_parts(probe, law, values, theta, probe.fit.spread, lasting=True))
+    every, forces = _of_all(probe, gain), from_forces(probe)
+    total = combined_noise(parts, every) + every @ forces @ every.T
+    inexact = INEXACT * (variances(parts) + np.diag(forces))
+    return np.asarray(total + (every * inexact) @ every.T)
+
+
+def doubt(
+    probe: Probe, law: Law, values: Values, theta: np.ndarray, gain: np.ndarray
+) -> np.ndarray:
     """The same from what no track tells, see ``Fit``, at its own time alone."""
-    found = _from_tracks(probe, law, values, theta, probe.fit.doubt, lasting=False)
-    return found[np.ix_(probe.keep, probe.keep)]
+    parts = _parts(probe, law, values, theta, probe.fit.doubt)
+    return combined_noise(parts, _of_all(probe, gain))
+
+
+def _of_all(probe: Probe, gain: np.ndarray) -> np.ndarray:
+    """Combinations of all rows from those of kept ones."""
+    every = np.zeros((len(gain), len(probe.keep)))
+    every[:, probe.keep] = gain
+    return every
 
 
 def missed(probe: Probe) -> np.ndarray:
@@ -76,15 +99,16 @@ def from_forces(probe: Probe) -> np.ndarray:
     return total
 
 
-def _from_tracks(
+def _parts(
     probe: Probe,
     law: Law,
     values: Values,
     theta: np.ndarray,
-    parts: tuple[Spread, ...],
+    spread: tuple[Spread, ...],
     *,
-    lasting: bool,
-) -> np.ndarray:
+    lasting: bool = False,
+) -> Iterator[Part]:
+    """Parts of the errors of the rows from some of those of the motion."""
     motion = probe.motion
     rates, unload, own = "rate" in law.needs, None, motion.F
     if law.flow == "plastic":
@@ -112,7 +136,7 @@ def _from_tracks(
     step = float(np.median(np.diff(motion.time)))
     every = max(1, int(np.ceil(width / step / LOOKS - 1e-6)))
     at = np.arange(0, len(motion.time), every)
-    bases = Bases.of(probe.fit, probe.sampling, parts)
+    bases = Bases.of(probe.fit, probe.sampling, spread)
     count = max(1, POINTS // len(motion.X))
     blocks = [at[n : n + count] for n in range(0, len(at), count)]
     families = [
@@ -122,7 +146,7 @@ def _from_tracks(
     history = []
     if lasting and law.flow == "plastic" and not probe.released:
         history = _history(probe, law, values, theta, bases, every)
-    return track_noise(bases, families, every, probe.windows, history)
+    return parts_of(bases, families, every, probe.windows, history)
 
 
 def _history(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, lsq_linear
 
 from form_drake.weak.system import WeakSystem
@@ -186,17 +186,26 @@ def ordinary(A: np.ndarray, b: np.ndarray, covariance: Blocks) -> Solution:
     return replace(found, covariance=np.asarray(own))
 
 
-def passed_on(A: np.ndarray, by: Weights, errors: Blocks) -> np.ndarray:
-    """Covariance of a solution from errors by which its rows were not weighed.
+def gains(A: np.ndarray, by: Weights) -> list[np.ndarray]:
+    """How a solution follows the rows of each probe, shape [columns, rows].
 
     Args:
         A: columns, shape [rows, columns].
         by: weights of the rows.
-        errors: covariance of each probe's rows [(N m s)^2].
     """
     back = np.linalg.pinv(by.white(A))
-    white = by.white(by.white(block_diag(*errors)).T)
-    return np.asarray(back @ white @ back.T)
+    ends = np.cumsum([len(f) for f in by.factors])[:-1]
+    return np.split(back @ by.white(np.eye(len(A))), ends, axis=1)
+
+
+def passed_on(gain: Blocks, errors: Blocks) -> np.ndarray:
+    """Covariance of a solution from errors by which its rows were not weighed.
+
+    Args:
+        gain: how it follows the rows of each probe, see ``gains``.
+        errors: covariance of these rows [(N m s)^2].
+    """
+    return np.asarray(sum(g @ e @ g.T for g, e in zip(gain, errors, strict=True)))
 
 
 def throughout(
