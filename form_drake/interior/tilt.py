@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from form_drake.interior.faces import POINTS, Hold
 from form_drake.interior.statics import EXACT, Held, Statics, slopes, values
@@ -19,7 +20,10 @@ from form_drake.motion.splines import Splines, Tensor
 
 CELLS, DEGREE = 2, 3  # along each axis
 TURNED = 1e-9  # [m] by which a turn may move a face unnoticed
-FLOATS = 1e-9  # of the stiffness, that keeps from drifting away what nothing holds
+FLOATS = 1e-5  # of the stiffness, that keeps from drifting away what nothing holds
+# of the stiffness at rest, that is always left: flow under pressure has none or less than none, and what is
+# added to that would be whatever rounding makes it
+SOFT = 0.1
 
 
 @dataclass(frozen=True)
@@ -54,10 +58,26 @@ class Odd:
         return slopes(self.space, self.statics.unfolded)
 
     def stiffness(self, frame: Held, last: Held) -> np.ndarray:
-        """Slope of the law's forces in ``frame`` after ``last`` [1/m^2], shape [size, size]."""
+        """Slope of the law's forces in ``frame`` after ``last`` [1/m^2], nowhere too soft, shape [size, size]."""
+        root = self._rest
+        half = solve_triangular(root, self._slope(frame, last), lower=True)
+        share, turn = np.linalg.eigh(solve_triangular(root, half.T, lower=True))
+        back = root @ turn
+        return np.asarray((back * np.maximum(share, SOFT)) @ back.T)
+
+    def _slope(self, frame: Held, last: Held) -> np.ndarray:
         size = self.space.size
         stiff, flat = self.statics.stiff(frame.y, last.past), self._slopes.reshape(-1, size)
-        return np.asarray(flat.T @ (stiff @ self._slopes).reshape(-1, size))
+        slope = flat.T @ (stiff @ self._slopes).reshape(-1, size)
+        return np.asarray(0.5 * (slope + slope.T))
+
+    @cached_property
+    def _rest(self) -> np.ndarray:
+        """Cholesky factor of the slope at rest, and a little more."""
+        rest = self.statics.rest
+        slope = self._slope(rest, rest)
+        floats = FLOATS * np.trace(slope) / len(slope)
+        return np.linalg.cholesky(slope + floats * np.eye(len(slope)))
 
     @cached_property
     def _grips(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -81,7 +101,7 @@ class Odd:
         begun = [-turned[0] for _, turned in self._grips]
         for n in range(1, len(frames)):
             slope = self.stiffness(frames[n], frames[n - 1])
-            K, right = slope + FLOATS * np.trace(slope) / len(slope) * np.eye(len(slope)), -left
+            K, right = slope.copy(), -left
             for k, ((D, turned), hold) in enumerate(zip(self._grips, self.holds, strict=True)):
                 if not hold.presses[n]:
                     continue
