@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from form_drake import Recording, Stream, identify
@@ -16,6 +17,8 @@ from form_drake.interior.faces import carried
 from form_drake.interior.path import FRICTIONS, _least
 from form_drake.interior.resistance import Past
 from form_drake.interior.rub import Rub, Rubbed
+from form_drake.interior.statics import Statics
+from form_drake.interior.tilt import SOFT, Odd
 from form_drake.laws import law_named
 from form_drake.material import Material
 from form_drake.motion import Sampling, body
@@ -143,6 +146,38 @@ def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder(course):
         u = path.statics.values(inside) @ np.transpose([frame.y for frame in path.frames])
         rms.append(np.sqrt(np.mean((u.transpose(2, 0, 1) - wanted) ** 2)))
     assert rms[0] > 2e-6 and rms[1] < 0.5e-6
+
+
+def test_what_a_turn_adds_finds_resistance_where_a_body_flows():
+    """Forces of a block that is pressed beyond its yield by a quarter fall where it gives way."""
+    X, law = on_face(0, 1), law_named("von-mises")
+    made = block(
+        np.zeros((8, len(X), 3)),
+        X,
+        face=1,
+        contact={"z-": "bonded floor", "z+": "frictionless plate", "other": "free"},
+        p_reference=X,
+    )
+    seen, values = Seen.of(made, body(made)), {"mu": 3e4, "lam": 4.5e4, "tau_y": 900.0}
+    statics = Statics(seen.space, seen.body, Resistance.of(Material(law, values)), seen.force)
+    odd = Odd(statics, 0, seen.holds, 0.1)
+    inside = np.random.default_rng(0).uniform(LOW, HIGH, (400, 3))
+    D, frames = statics.values(inside).reshape(-1, statics.space.size), [statics.rest]
+    for press in np.linspace(0.02, 0.25, 12):
+        pressed = inside * (
+            np.array([(1.0 - press) ** -0.5, (1.0 - press) ** -0.5, 1.0 - press]) - 1
+        )
+        y, last = np.linalg.lstsq(D, pressed.ravel(), rcond=None)[0], frames[-1]
+        frames.append(replace(last, y=y, past=statics.forces(y, [], last).past))
+    rest, flows = odd._rest @ odd._rest.T, odd.stiffness(frames[-1], frames[-2])
+    slope = odd._slope(frames[-1], frames[-2])
+    assert eigh(slope, rest, eigvals_only=True)[0] < 0.0
+    share, ways = eigh(flows, rest)
+    assert share[0] == pytest.approx(SOFT, rel=1e-6)
+    stiff = ways[:, share > 1.1 * SOFT]  # elsewhere it is as the law has it
+    np.testing.assert_allclose(
+        flows @ stiff, slope @ stiff, atol=1e-6 * np.abs(slope @ stiff).max()
+    )
 
 
 @pytest.mark.parametrize(
