@@ -148,6 +148,26 @@ def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder(course):
     assert rms[0] > 2e-6 and rms[1] < 0.5e-6
 
 
+def test_points_that_lie_off_their_face_together_are_moved_onto_it():
+    """Cameras that have turned since they were calibrated see a body nearer or farther away."""
+    X, lam = on_face(0, 1), np.linspace(1.0, 0.8, 12)
+    u = np.stack([stretched(X, f) for f in lam])
+    contact = {"z-": "frictionless floor", "other": "free"}
+    made = block(u, X, face=1, contact=contact, p_reference=X)
+
+    def moved(by):
+        away = by * np.array([1.0, 0.0, 0.0])
+        return replace(made, p_WQ=made.p_WQ + away, p_reference=X + away)
+
+    one, other = (Seen.of(r, body(r)) for r in (made, moved(2e-3)))
+    np.testing.assert_allclose(other.X, one.X, atol=1e-9)
+    np.testing.assert_allclose(other.u, one.u, atol=1e-9)
+    with pytest.raises(ValueError, match=r"face x\+ lie 4 mm off .* 3 mm are allowed: is the box"):
+        Seen.of(moved(4e-3), body(made))
+    with pytest.raises(ValueError, match="millimetres"):
+        Seen.of(replace(made, p_WQ=1e3 * made.p_WQ, p_reference=1e3 * X), body(made))
+
+
 def test_what_a_turn_adds_finds_resistance_where_a_body_flows():
     """Forces of a block that is pressed beyond its yield by a quarter fall where it gives way."""
     X, law = on_face(0, 1), law_named("von-mises")

@@ -9,6 +9,7 @@ from form_drake.records import Recording, picked
 NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
 FLAT = 0.02  # of the widest extent of the points, in units of the box, below which they are a plane
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
+ASIDE = 0.1  # of its longest side, by which the points of a face may lie off that face together
 SIGHTED = 0.5  # of the points, fewer than which make a frame blind
 
 
@@ -63,20 +64,23 @@ def tracks(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stress-free positions, displacements, validity and time of the points ever seen, and which they are.
 
-    Displacements of points that are not seen lie on lines from frame to frame.
+    Displacements of points that are not seen lie on lines from frame to frame. Points of a face that lie
+    off it together, as where cameras have turned since they were calibrated, are moved onto it.
 
     Raises:
-        ValueError: too few points or frames, or points that do not lie ``throughout`` the body.
+        ValueError: too few points or frames, points off their face or in other units than the box, or
+            points that do not lie ``throughout`` the body.
     """
     valid = valid_points(recording)
     stated = recording.p_reference is not None
     known = valid.any(axis=0) if stated else valid[0]  # others have no stress-free position
+    reference = _on_faces(recording, body) if recording.on_surface else recording.reference
     edge = OUTSIDE * (body.high - body.low)
-    inside = (recording.reference >= body.low - edge) & (recording.reference <= body.high + edge)
+    inside = (reference >= body.low - edge) & (reference <= body.high + edge)
     used = (valid.sum(axis=0) >= 0.5 * recording.frames) & inside.all(axis=1) & known
     if known.any():
-        _check_units(recording.reference[known], body, inside[known].all(axis=1))
-    X = recording.reference[used]
+        _check_units(reference[known], body, inside[known].all(axis=1))
+    X = reference[used]
     if len(X) < 8:
         first = "" if stated else ", and in the first, which gives their stress-free positions"
         raise ValueError(
@@ -93,6 +97,28 @@ def tracks(
     u = np.where(valid[:, :, None], recording.p_WQ - recording.reference, 0.0)
     time = recording.time - recording.time[0]
     return X, bridged(u[:, used], valid[:, used]), valid[:, used], time, used
+
+
+def _on_faces(recording: Recording, body: Body) -> np.ndarray:
+    """Stress-free positions [m], those of the points of each face moved onto it together."""
+    X, most = recording.reference.copy(), ASIDE * float(np.max(body.high - body.low))
+    assert recording.face is not None
+    known = placed(recording)
+    for face in body.faces:
+        own = recording.face == face.index
+        if not np.any(own & known):
+            continue
+        place = float((body.low, body.high)[face.side][face.axis])
+        off = float(np.median(X[own & known, face.axis])) - place
+        if abs(off) <= most:
+            X[own, face.axis] -= off
+        elif abs(off) < 10.0 * most:  # else lengths may be in other units
+            raise ValueError(
+                f"points of face {face.name} lie {1e3 * abs(off):.3g} mm off that face of the stated box, which"
+                f" {1e3 * most:.3g} mm are allowed: is the box stated where it stood, and have the cameras"
+                " turned since they were calibrated?"
+            )
+    return X
 
 
 def _check_units(X: np.ndarray, body: Body, inside: np.ndarray) -> None:
