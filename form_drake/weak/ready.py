@@ -8,6 +8,7 @@ import numpy as np
 from form_drake.motion import Body, Fit, Motion, Sampling, body, fit_tracks, supplied
 from form_drake.motion.body import unmeasured
 from form_drake.motion.space import Space
+from form_drake.motion.tracks import noise_of, tracks
 from form_drake.records import Recording
 from form_drake.weak.contact import HeldFields
 from form_drake.weak.curl import CurlFields
@@ -22,6 +23,7 @@ SAMPLES = 8  # fewest times in a window
 # body's weight are none
 MOVED, FRAMES, LIGHT = 0.01, 24, 1e-5
 LOOKS, CLOSED = 4, 1e-6  # times at which divergence is looked at, and what is none of it
+UNDERSTATED = 1.5  # times the stated noise, that tracks show
 GAUSS, ROUGH = 3, 2  # points along each axis of a cell, of one or two cells
 
 
@@ -94,9 +96,21 @@ def prepared(
         _check(family, probe.motion)
     if not probe.motion.J.min() > 0.0:
         raise ValueError(
-            f"{name}: the motion through the tracks folds the body: too few or too noisy"
+            f"{name}: the motion through the tracks folds the body: {_spoilt(recording, shape)}"
         )
     return probe
+
+
+def _spoilt(recording: Recording, shape: Body) -> str:
+    """What may be wrong with tracks through which no motion passes."""
+    _, u, valid, time, _ = tracks(recording, shape, throughout=False)
+    stated, seen = recording.noise, noise_of(time, u, valid)
+    if stated is None or seen < UNDERSTATED * stated:
+        return "they are too few or too noisy"
+    return (
+        f"they jitter by {1e6 * seen:.3g} um, which is more than the noise of {1e6 * stated:.3g} um that is"
+        " stated: state what there is, or leave it out and it is estimated"
+    )
 
 
 def _unfolded(sampling: Sampling, fit: Fit) -> np.ndarray:
