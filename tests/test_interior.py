@@ -148,6 +148,18 @@ def test_a_plate_that_tilts_is_not_taken_for_one_that_presses_harder(course):
     assert rms[0] > 2e-6 and rms[1] < 0.5e-6
 
 
+def test_points_that_go_where_no_body_can_are_refused_before_all_frames_are_tried():
+    X, down = on_face(0, 1, 30), np.where(np.arange(20) % 2, 1.0, 0.0)
+    to_the_floor = np.outer(down, X[:, 2])[..., None] * np.array([0.0, 0.0, -1.0])
+    made = block(
+        to_the_floor, X, face=1, contact={"z-": "bonded floor", "other": "free"}, p_reference=X
+    )
+    with pytest.raises(
+        ValueError, match=r"in 3 of [4-9] frames no motion .* are the faces held as"
+    ):
+        Path.of(Seen.of(made, body(made)), Resistance.plain(POISSON), friction=np.inf)
+
+
 def test_points_that_lie_off_their_face_together_are_moved_onto_it():
     """Cameras that have turned since they were calibrated see a body nearer or farther away."""
     X, lam = on_face(0, 1), np.linspace(1.0, 0.8, 12)

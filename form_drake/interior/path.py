@@ -1,6 +1,6 @@
 """The way of a body through all frames, each in balance after the one before it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -68,14 +68,18 @@ class Path:
         free = _from_rest(statics, seen, friction)
         if near:
             free = level(free, statics, near.frames, friction)
-        frames = _frames(statics, free, friction, near.frames if near else ())
-        lost = sum(not frame.settled for frame in frames)
-        if lost > UNSETTLED * len(frames):
-            raise ValueError(
-                f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
-                f" {resistance.law.name} and passes through the points of its surface: are the faces held"
-                " as the recording states?"
-            )
+        frames: list[Held] = []
+        for frame in _frames(statics, free, friction, near.frames if near else ()):
+            frames.append(frame)
+            lost = sum(not one.settled for one in frames)
+            if lost > UNSETTLED * len(
+                free.valid
+            ):  # one that is lost costs as much as twenty others
+                raise ValueError(
+                    f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
+                    f" {resistance.law.name} and passes through the points of its surface: are the faces"
+                    " held as the recording states?"
+                )
         return cls(statics, free, friction, frames)
 
     def fit(self) -> Fit:
@@ -178,7 +182,7 @@ def friction_of(seen: Seen, resistance: Resistance) -> float:
         holds = tuple(hold.at(looks) for hold in free.holds)
         few = replace(free, u=free.u[looks], valid=free.valid[looks], holds=holds)
         D = few.whitening @ statics.values(few.X)
-        frames = _frames(statics, few, friction)
+        frames = list(_frames(statics, few, friction))
         rest = [few.white[n] - D @ frame.alone for n, frame in enumerate(frames)]
         left = [few.undrifted(r[v, :, None], v) for r, v in zip(rest, few.valid, strict=True)]
         return float(sum(np.log(np.mean(r**2)) for r in left if len(r)))
@@ -195,17 +199,18 @@ def _looks(seen: Seen) -> np.ndarray:
     return np.unique([int(np.argmax(size >= step)) for step in steps])
 
 
-def _frames(statics: Statics, seen: Seen, friction: float, near: Sequence[Held] = ()) -> list[Held]:
+def _frames(
+    statics: Statics, seen: Seen, friction: float, near: Sequence[Held] = ()
+) -> Iterator[Held]:
     """Every frame after the one before it; ``near`` are those of a body of nearly the same material."""
     D = seen.whitening @ statics.values(seen.X)
     own = [hold.grip(statics, friction) for hold in seen.holds]
-    last, found = statics.rest, []
+    last = statics.rest
     for n, valid in enumerate(seen.valid):
         rows = Rows.of(seen.undrifted(D[valid], valid), seen.white[n, valid], seen.sd)
         grips = [grip for hold in own if (grip := hold(n))]
         last = _held(statics, rows, grips, last, (near[n - 1], near[n]) if n and near else None)
-        found.append(last)
-    return found
+        yield last
 
 
 def _held(
