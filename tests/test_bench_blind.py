@@ -70,7 +70,7 @@ def effect(name, *alike):
     return {**one, "where": where}
 
 
-GAP = {"before": 2.0, "after": 0.5, "closure": 0.9}
+GAP = {"before": 2.0, "after": 0.5, "floor": 0.3, "closure": 0.9}
 
 
 def verdicts(key, seal, out):
@@ -124,7 +124,14 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     }
     assert found["rates"]["pairs, both named"]["exactly"] == 1
     assert "; 1 exactly the two" in blind_score.table(found)
-    assert found["gap"] == {"channels": 1, "excluded": 1, "after/before": 0.25, "closure": 0.9}
+    beyond = pytest.approx(0.4 / np.sqrt(4.0 - 0.09))
+    wanted = {
+        "after/before": 0.25,
+        "floor/before": 0.15,
+        "beyond the floor": beyond,
+        "closure": 0.9,
+    }
+    assert found["gap"] == {"channels": 1, "excluded": 1, **wanted}
     assert found["placebos"] == {"cases": 1, "named": 0.9, "runner-up": 0.4, "drawn": 0.1}
     assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
     truth = json.loads(key.read_text()).values()

@@ -162,7 +162,11 @@ def _confusions(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> list[
 
 
 def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
-    """Held-out errors of rightly named singles, channels that are clear of floor and grid alone."""
+    """Held-out errors of rightly named singles, channels that are clear of floor and grid alone.
+
+    No prediction errs by less than the floor, the noise of what is measured: beside after / before stand
+    the least that it could be, and what is left where the squares of the floor are taken off both.
+    """
     rows = [
         c
         for one in results
@@ -176,8 +180,16 @@ def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, A
         "channels": len(clear),
         "excluded": len(rows) - len(clear),
         "after/before": float(np.median([c["after"] / c["before"] for c in clear])),
+        "floor/before": float(np.median([c["floor"] / c["before"] for c in clear])),
+        "beyond the floor": float(np.median([_beyond(c) for c in clear])),
         "closure": float(np.median([c["closure"] for c in clear])),
     }
+
+
+def _beyond(channel: Mapping[str, float]) -> float:
+    """Error after by error before, less the floor in both, as squares."""
+    before, after, floor = (channel[k] ** 2 for k in ("before", "after", "floor"))
+    return float(np.sqrt(max(after - floor, 0.0) / (before - floor)))
 
 
 def _placebos(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
