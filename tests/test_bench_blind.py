@@ -197,6 +197,7 @@ def test_sizes_are_compared_in_the_units_of_the_catalogue():
     made = compared(results, truth)
     assert made["errors"] == {k: pytest.approx(v, abs=1e-9) for k, v in wanted.items()}
     assert (made["within"], made["of"]) == (5, 6)
+    assert made["pull"] == pytest.approx(np.sqrt((1.0 + 50.0**2 + 1.0 + 0.5**2) / 6.0))
     assert made["centres"] == [pytest.approx(5e-3)]
     assert made["fine"] == pytest.approx(0.01) and made["rough"] == pytest.approx(0.5)
 

@@ -264,6 +264,8 @@ def table(result: Mapping[str, Any]) -> str:
         if sizes[group] is not None:
             lines.append(f"{'median error, ' + told:44} {100.0 * sizes[group]:.1f} %")
     lines.append(f"{'truth within the 90 % interval':44} {sizes['within']:3d} of {sizes['of']:3d}")
+    if sizes["pull"] is not None:
+        lines.append(f"{'errors by standard deviation, rms':44} {sizes['pull']:.2f}")
     if sizes["centres"]:
         middle = 1e3 * float(np.median(sizes["centres"]))
         lines.append(f"{'centre of inclusions, median':44} {middle:.1f} mm")

@@ -84,11 +84,11 @@ def found(named: Mapping[str, Any]) -> tuple[float, float]:
 def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Errors of sizes of strong singles that were named by their own name, by effect.
 
-    ``errors`` are relative; ``within`` counts truths within the 90 % interval; ``centre`` are
-    distances of inclusions from where they are [m].
+    ``errors`` are relative; ``within`` counts truths within the 90 % interval; ``pull`` is the root mean
+    square of errors by standard deviations; ``centre`` are distances of inclusions from where they are [m].
     """
     errors: dict[str, list[float]] = {}
-    centres, inside, counted = list[float](), 0, 0
+    centres, pulls = list[float](), list[float]()
     for one in results:
         told = truth[one["id"]]
         named = one.get("effects") or []
@@ -104,12 +104,12 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
             place = np.array([named[0]["where"][k] for k in "xyz"])
             centres.append(float(np.linalg.norm(place - own["centre"])))
         if np.isfinite(std):
-            counted += 1
-            inside += abs(size - wanted) <= COVERED * std
+            pulls.append((size - wanted) / std)
     return {
         "errors": errors,
-        "within": inside,
-        "of": counted,
+        "within": int(np.sum(np.abs(pulls) <= COVERED)),
+        "of": len(pulls),
+        "pull": float(np.sqrt(np.mean(np.square(pulls)))) if pulls else None,
         "centres": centres,
         **_medians(errors),
     }

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Literal
 
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.model import INEXACT, Cause, Model, Scenes
+from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.noise import most
 from form_drake.diagnose.race import MARGIN, Runner, field, raced
 from form_drake.diagnose.score import ALIKE, Score, coherence, scores
@@ -17,7 +17,7 @@ from form_drake.identify.problem import Problem
 
 MOST = 2  # effects: three at once are less likely than one that no catalogue has
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
-WRONG = 2.0 * INEXACT  # of what effects change, that their simulation may have wrong
+WRONG = 0.08  # of what effects change, that their simulation may have wrong
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
 
