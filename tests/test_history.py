@@ -5,14 +5,7 @@ import pytest
 
 from form_drake.laws import law_named
 from form_drake.weak import history
-from form_drake.weak.covariance import (
-    Part,
-    Window,
-    _by_moment,
-    _by_pair,
-    combined_noise,
-    variances,
-)
+from form_drake.weak.covariance import Part, Window, _by_moment, _by_pair
 from form_drake.weak.history import lasting
 from form_drake.weak.solve import throughout
 from form_drake.weak.stress import elastic_part, unit_stresses
@@ -120,10 +113,8 @@ def test_windows_in_pairs_and_by_moment_are_one_covariance():
         both = _by_pair(part), _by_moment(part)
         np.testing.assert_allclose(*both, atol=1e-12 * np.abs(both[1]).max())
         few, own = gain @ both[0] @ gain.T, np.diag(both[0])
-        np.testing.assert_allclose(
-            combined_noise([part], gain), few, atol=1e-12 * np.abs(few).max()
-        )
-        np.testing.assert_allclose(variances([part, part]), 2.0 * own, atol=1e-12 * own.max())
+        np.testing.assert_allclose(part.combined(gain), few, atol=1e-12 * np.abs(few).max())
+        np.testing.assert_allclose(part.variances(), own, atol=1e-12 * own.max())
         assert not both[0][4:6].any() and not both[0][:2, 6:].any() and both[0][:2, 2:4].any()
 
 

@@ -68,13 +68,11 @@ class Path:
         free = _from_rest(statics, seen, friction)
         if near:
             free = level(free, statics, near.frames, friction)
-        frames: list[Held] = []
+        frames, lost = list[Held](), 0
         for frame in _frames(statics, free, friction, near.frames if near else ()):
             frames.append(frame)
-            lost = sum(not one.settled for one in frames)
-            if lost > UNSETTLED * len(
-                free.valid
-            ):  # one that is lost costs as much as twenty others
+            lost += not frame.settled  # which costs as much as twenty others
+            if lost > UNSETTLED * len(free.valid):
                 raise ValueError(
                     f"in {lost} of {len(frames)} frames no motion inside the body balances the forces of"
                     f" {resistance.law.name} and passes through the points of its surface: are the faces"

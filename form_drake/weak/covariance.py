@@ -23,30 +23,6 @@ def track_noise(parts: Iterable["Part"]) -> np.ndarray:
     return np.asarray(sum(_covariance(part) for part in parts))
 
 
-def combined_noise(parts: Iterable["Part"], gain: np.ndarray) -> np.ndarray:
-    """Covariance of few combinations of the rows [(N m s)^2], shape [combinations, combinations].
-
-    Products of all rows, of which there are many, are not needed for it.
-
-    Args:
-        parts: of the error of the motion.
-        gain: combinations of all rows, shape [combinations, rows].
-    """
-    total = np.zeros((len(gain),) * 2)
-    for part in parts:
-        windows = range(len(part.windows))
-        own = gain.reshape(len(gain), len(windows), -1)
-        for some in part.together(len(gain)):
-            flat = part.pulled(windows, own, some).reshape(len(gain), -1)
-            total += flat @ flat.T
-    return total
-
-
-def variances(parts: Iterable["Part"]) -> np.ndarray:
-    """Of all rows [(N m s)^2]: the diagonal of ``track_noise``."""
-    return np.asarray(sum(part.variances() for part in parts))
-
-
 @dataclass(frozen=True)
 class Part:
     """Independent moments of the error of a motion, and how rows follow them.
@@ -64,8 +40,21 @@ class Part:
         """Rows of each window."""
         return int(self.windows[0].slopes.shape[2])
 
+    def combined(self, gain: np.ndarray) -> np.ndarray:
+        """Covariance of few combinations of the rows [(N m s)^2], shape [combinations, combinations].
+
+        Products of all rows, of which there are many, are not needed for it. ``gain`` has the shape
+        [combinations, rows].
+        """
+        total, windows = np.zeros((len(gain),) * 2), range(len(self.windows))
+        own = gain.reshape(len(gain), len(windows), -1)
+        for some in self.together(len(gain)):
+            flat = self.pulled(windows, own, some).reshape(len(gain), -1)
+            total += flat @ flat.T
+        return total
+
     def variances(self) -> np.ndarray:
-        """Of all rows [(N m s)^2]."""
+        """Of all rows [(N m s)^2]: the diagonal of their covariance."""
         alone, found = np.eye(self.fields)[:, None], np.zeros((len(self.windows), self.fields))
 
         def summed(own: slice) -> None:

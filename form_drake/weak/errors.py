@@ -7,7 +7,7 @@ import numpy as np
 from form_drake.laws import Law, Values
 from form_drake.motion.motion import inverse
 from form_drake.motion.smoothing import Spread
-from form_drake.weak.covariance import Part, Past, combined_noise, parts_of, track_noise, variances
+from form_drake.weak.covariance import Part, Past, parts_of, track_noise
 from form_drake.weak.history import lasting as lasting_rows
 from form_drake.weak.noise import Bases, Slopes, slopes
 from form_drake.weak.probe import Probe
@@ -45,19 +45,21 @@ def passed(
     What lasts is counted, see ``weak.history``, but along traction-free directions. ``gain`` are the
     combinations of kept rows, shape [combinations, rows].
     """
-    parts = list(_parts(probe, law, values, theta, probe.fit.spread, lasting=True))
     every, forces = _of_all(probe, gain), from_forces(probe)
-    total = combined_noise(parts, every) + every @ forces @ every.T
-    inexact = INEXACT * (variances(parts) + np.diag(forces))
-    return np.asarray(total + (every * inexact) @ every.T)
+    total, variance = every @ forces @ every.T, np.diag(forces).copy()
+    for part in _parts(probe, law, values, theta, probe.fit.spread, lasting=True):
+        total += part.combined(every)
+        variance += part.variances()
+    return np.asarray(total + (every * (INEXACT * variance)) @ every.T)
 
 
 def doubt(
     probe: Probe, law: Law, values: Values, theta: np.ndarray, gain: np.ndarray
 ) -> np.ndarray:
     """The same from what no track tells, see ``Fit``, at its own time alone."""
+    every = _of_all(probe, gain)
     parts = _parts(probe, law, values, theta, probe.fit.doubt)
-    return combined_noise(parts, _of_all(probe, gain))
+    return np.asarray(sum(part.combined(every) for part in parts))
 
 
 def _of_all(probe: Probe, gain: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """A recording made ready for the weak form: where and when its integrals are taken."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -104,7 +105,9 @@ def prepared(
 def _spoilt(recording: Recording, shape: Body) -> str:
     """What may be wrong with tracks through which no motion passes."""
     _, u, valid, time, _ = tracks(recording, shape, throughout=False)
-    stated, seen = recording.noise, noise_of(time, u, valid)
+    stated, seen = recording.noise, 0.0
+    with suppress(ValueError):  # too much is missing to tell
+        seen = noise_of(time, u, valid)
     if stated is None or seen < UNDERSTATED * stated:
         return "they are too few or too noisy"
     return (
