@@ -70,6 +70,17 @@ def test_a_delay_and_a_wrong_ratio_change_what_is_stated_alone(face):
     assert misstated(-0.05)(face).known == {"nu": pytest.approx(0.25)}
 
 
+def test_pictures_that_are_refused_end_no_bench(tmp_path, monkeypatch):
+    def refused(*_):
+        raise ValueError("too dark")
+
+    monkeypatch.setattr(Views, "tracks", refused)
+    cases, _ = planned(Views(tmp_path), 1)
+    name = "sweep/calibration/0.1/press_a"
+    told = table({"cases": {name: cases[name]()}})
+    assert "0.0 % held  refused: too dark" in told and "broken from 0.1 on" in told
+
+
 def test_dropped_frames_are_the_same_in_every_run():
     kept = [dropped(0.2)(n) for n in range(1000)]
     assert kept == [dropped(0.2)(n) for n in range(1000)]

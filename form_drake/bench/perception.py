@@ -52,7 +52,11 @@ def from_pictures(views: Views, name: str, made: tuple[str, ...], level: Level) 
     from form_drake.systems.scenario import load_scenario
 
     true = load_scenario(name, made).specimen.made()
-    seen = views.tracks(name, made, level.look, level.kept)
+    try:
+        seen = views.tracks(name, made, level.look, level.kept)
+    except ValueError as refusal:  # of the pictures
+        none = dict.fromkeys(("points", "frames", "held", "noise_um", "seconds"), 0)
+        return {"errors": {}, "refused": str(refusal), **none}
     return _answered(level.edit(seen), true)[0]
 
 
