@@ -15,7 +15,7 @@ from form_drake.motion import body, fit_tracks
 from form_drake.motion.fit import by_root
 from form_drake.motion.knots import chosen_space
 from form_drake.motion.modes import white_noise
-from form_drake.motion.pace import chosen_time, moments
+from form_drake.motion.pace import LOUD, chosen_time, moments
 from form_drake.motion.smoothing import smoothing_of
 from form_drake.motion.space import Space, Symmetry
 from form_drake.motion.splines import Splines, Tensor
@@ -365,6 +365,17 @@ def test_knots_gather_where_samples_are_dense():
     B = splines.matrix(time)
     rest = (y - B @ np.linalg.lstsq(B, y, rcond=None)[0])[time < 0.5]
     assert np.sqrt(np.mean(rest**2)) < 2e-3
+
+
+def test_what_is_between_frames_is_told_where_some_are_missing():
+    """A vibration that frames hardly follow asks for all the splines there can be."""
+    time = np.delete(np.arange(80) / 60.0, [20, 21, 50, 77, 78])
+    y = np.outer(np.cos(27.0 * np.pi * time), np.random.default_rng(0).standard_normal(6))
+    splines = chosen_time(time, y, 1e-3)
+    R = np.linalg.qr(splines.matrix(time))[1]
+    between = splines.matrix(0.5 * (time[1:] + time[:-1])) @ np.linalg.inv(R)
+    assert len(splines.breaks) > 60
+    assert np.linalg.norm(between, axis=1).max() <= LOUD
 
 
 def test_knots_gather_first_where_most_would_be_lost():

@@ -3,13 +3,14 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import eigvals_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded, eigvals_banded
 
 from form_drake.motion.modes import modes
 from form_drake.motion.splines import Splines
 
 TIME_DEGREE = 4
 WORST = 100.0  # condition of a basis in time
+LOUD = 4.0  # times the noise of a frame, that a fit may hold half-way between two
 SLOWEST = 2.0  # half waves in the recording, below which moments belong to the slowest octave
 
 
@@ -51,14 +52,18 @@ def chosen_time(time: np.ndarray, y: np.ndarray, noise: float) -> Splines:
 
 
 def _told(breaks: np.ndarray, time: np.ndarray) -> bool:
-    """Whether samples at ``time`` [s] tell all splines well apart."""
+    """Whether samples at ``time`` [s] tell all splines well apart, and tell what is between samples."""
     if len(breaks) + TIME_DEGREE > len(time):
         return False
-    values = Splines(breaks, TIME_DEGREE).matrix(time)
+    splines = Splines(breaks, TIME_DEGREE)
+    values, between = (splines.matrix(t) for t in (time, 0.5 * (time[1:] + time[:-1])))
     gram = values.T @ values
-    band = [np.pad(np.diagonal(gram, n), (n, 0)) for n in range(TIME_DEGREE, -1, -1)]
+    band = np.array([np.pad(np.diagonal(gram, n), (n, 0)) for n in range(TIME_DEGREE, -1, -1)])
     least, *_, most = eigvals_banded(band)
-    return bool(most < WORST**2 * least)
+    if not most < WORST**2 * least:
+        return False
+    back = cho_solve_banded((cholesky_banded(band), False), between.T)
+    return bool(np.sum(between.T * back, axis=0).max() <= LOUD**2)
 
 
 def moments(splines: Splines, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
