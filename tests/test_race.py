@@ -25,10 +25,10 @@ def test_shapes_that_are_sizes_stay_positive_in_differences():
 
 def test_a_size_is_no_surer_than_its_simulation():
     shape = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
-    spread = {"x": 1e-4, "radius": 3e-5}
-    cause = Cause(CATALOGUE["inclusion"], 2.0, shape).known(0.06, spread)
-    assert cause.told == pytest.approx(0.1) and cause.least == 0.06  # and 4 % of 2
-    assert cause.spread == {"x": 1e-4, "radius": pytest.approx(5e-5)}
+    spread = {"x": 1e-4, "radius": 1.5e-5}
+    cause = Cause(CATALOGUE["inclusion"], 2.0, shape).known(0.03, spread)
+    assert cause.told == pytest.approx(0.05) and cause.least == 0.03  # and 2 % of 2
+    assert cause.spread == {"x": 1e-4, "radius": pytest.approx(2.5e-5)}
     assert Cause(CATALOGUE["inclusion"], 2.0, shape).known(np.inf, {}).told is None
 
 
