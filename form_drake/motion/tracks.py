@@ -114,8 +114,8 @@ def _on_faces(recording: Recording, body: Body) -> np.ndarray:
             X[own, face.axis] -= off
         elif abs(off) < 10.0 * most:  # else lengths may be in other units
             raise ValueError(
-                f"points of face {face.name} lie {1e3 * abs(off):.3g} mm off that face of the stated box, which"
-                f" {1e3 * most:.3g} mm are allowed: is the box stated where it stood, and have the cameras"
+                f"points of face {face.name} lie {1e3 * abs(off):.3g} mm off that face of the stated box, up"
+                f" to {1e3 * most:.3g} mm are allowed: is the box stated where it stood, and have the cameras"
                 " turned since they were calibrated?"
             )
     return X
