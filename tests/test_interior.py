@@ -101,9 +101,8 @@ def test_points_that_are_hidden_for_long_tell_nothing_and_spoil_nothing():
     corner = (X / HIGH).sum(axis=1) < np.quantile((X / HIGH).sum(axis=1), 0.2)
     valid = ~np.outer((share > 0.2) & (share < 0.6), corner)
     some, whole = (Seen.of(r, body(made)) for r in (replace(made, valid=valid), made))
-    assert (
-        np.abs(some.u - u)[~valid].max() > 50.0 * NOISE
-    )  # lines from where they were to where they are
+    # what fills them are lines from where they were to where they are
+    assert np.abs(some.u - u)[~valid].max() > 50.0 * NOISE
     assert some.sd < 1.2 * whole.sd and some.space.size == whole.space.size
 
 

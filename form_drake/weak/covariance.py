@@ -13,9 +13,8 @@ from form_drake.workers import parted
 
 SMALL = 1e-5  # correlation below which windows are taken to share no noise
 TOGETHER = 2**22  # numbers in what is multiplied at once
-PARTS = (
-    4  # of a sum, on so many cores at most: the same on every machine, so that its last digits are
-)
+# of a sum, on so many cores at most: the same on every machine, so that its last digits are
+PARTS = 4
 
 
 def track_noise(parts: Iterable["Part"]) -> np.ndarray:
