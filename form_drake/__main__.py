@@ -1,12 +1,12 @@
 """The command line: ``form-drake VERB`` or ``python -m form_drake VERB``."""
 
-import contextlib
 import io
 import json
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from typing import Any
 
 from form_drake.libraries import explained
@@ -14,6 +14,7 @@ from form_drake.libraries import explained
 # before numpy: matrices here are small, and a second thread that waits for a busy core costs tenfold
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+VISIBLE = "CUDA_VISIBLE_DEVICES"
 COMPONENTS = ("drake", "warp-lang", "numpy", "scipy", "h5py")
 ABOUT = (
     "Material laws identified from one robot interaction, and used to predict and plan."
@@ -51,7 +52,7 @@ def _parse(arguments: list[str]) -> Any:
     verb = next((a for a in arguments[:1] if a in VERBS), "")
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with redirect_stdout(out), redirect_stderr(err):
             if verb:
                 prog = f"form-drake {verb}"
                 return tyro.cli(command(verb), prog=prog, args=arguments[1:], config=config)
@@ -79,17 +80,32 @@ def _parse(arguments: list[str]) -> Any:
 def _run(arguments: list[str]) -> None:
     """Run one command; everything heavy is imported from here on."""
     asked = sorted(arguments) in (["--version"], ["--json", "--version"])
-    run = None if asked else _parse(arguments).run
+    command = None if asked else _parse(arguments)
 
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
-    _quietly(wp.init)
-    if run is None:
+    wanted = asked or re.search(r"\bdevice[ =](?!cpu\b)", " ".join(arguments))
+    with nullcontext() if wanted else _no_gpu():
+        _quietly(wp.init)
+    if command is None:
         print(versions(as_json="--json" in arguments))
     else:
-        run()
+        command.run()
     sys.stdout.flush()
+
+
+@contextmanager
+def _no_gpu() -> Iterator[None]:
+    """Let CUDA find no GPU if it begins here: only a process without one may fork onto all cores."""
+    seen = os.environ.get(VISIBLE)
+    os.environ[VISIBLE] = ""
+    try:
+        yield
+    finally:
+        del os.environ[VISIBLE]
+        if seen is not None:
+            os.environ[VISIBLE] = seen
 
 
 def _quietly(action: Callable[[], object]) -> None:
@@ -116,7 +132,7 @@ def _unheard() -> None:
     """Point the standard streams to nowhere, so that the interpreter's last flush succeeds."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
+        with suppress(OSError, ValueError):
             os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 

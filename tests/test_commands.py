@@ -876,3 +876,34 @@ def test_the_demo_opens_the_truth_after_the_answer_is_on_disk(demo):
             str(json.loads((folder / "truth.json").read_text())["values"]["tau_y"])
             not in (folder / name).read_text()
         )
+
+
+@pytest.mark.parametrize(
+    "words, seen",
+    [
+        ("list laws", ""),
+        ("predict no.yaml no.h5 --device cpu", ""),
+        ("predict no.yaml no.h5 --device cuda:0", "7"),
+        ("bench speed --device=cuda:0 --only nothing", "7"),
+        ("simulate no --set solver.device=cuda:0", "7"),
+        ("--version", "7"),
+    ],
+)
+def test_warp_begins_with_no_gpu_that_nobody_asked_for(capfd, here, monkeypatch, words, seen):
+    found = []
+    monkeypatch.setenv(__main__.VISIBLE, "7")
+    monkeypatch.setattr("warp.init", lambda: found.append(os.environ[__main__.VISIBLE]))
+    run(capfd, *words.split())
+    assert found[0] == seen and os.environ[__main__.VISIBLE] == "7"
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("device, forks", [("cpu", True), ("cuda:0", False)])
+def test_a_command_that_needs_no_gpu_may_fork_where_there_is_one(tmp_path, device, forks):
+    program = (
+        "from form_drake import __main__, workers; __main__.main(['predict', 'no', 'no', '--device',"
+        f" '{device}']); print(workers.forkable())"
+    )
+    command = [sys.executable, "-c", program]
+    options = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 300}
+    assert subprocess.run(command, check=True, **options).stdout == f"{forks}\n"
