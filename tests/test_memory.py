@@ -55,3 +55,9 @@ def test_only_elastic_laws_remember():
     body = block((0.04, 0.04, 0.04), (0.02, 0.02, 0.02), 0.01, 1000.0)
     with pytest.raises(ValueError, match="von-mises remembers: only elastic laws can"):
         Simulation(solver, LAWS["von-mises"], body, memories=[Memory(0.5, rate=1.0)])
+
+
+def test_frames_that_are_few_tell_what_relaxes_soon():
+    time, rate = np.linspace(0.0, 1.0, 61), 20.0  # a third of what remains is forgotten between two
+    part = deviator(remembered(stretched(0.06 * time), time, Memory(1.0, rate=rate)))
+    assert part == pytest.approx(0.06 / rate * (1.0 - np.exp(-rate * time)), rel=6e-3)

@@ -13,6 +13,7 @@ from form_drake.material import Material
 from form_drake.mpm import settling, simulation, stage, ways
 from form_drake.mpm.bodies import block
 from form_drake.mpm.exchange import Scene
+from form_drake.mpm.pace import Pace
 from form_drake.mpm.pencils import Pencils
 from form_drake.mpm.plates import Face
 from form_drake.mpm.solids import Solid
@@ -157,6 +158,17 @@ def test_forces_of_long_steps_are_those_of_short_ones(monkeypatch):
         monkeypatch.setattr(simulation, "REST", cfl)
         found.append(next(iter(Stage(pressed, DX).rolled(plain).forces.values())).value)
     assert np.abs(found[0] - found[1]).max() < 1.5e-3 * np.abs(found[1]).max()
+
+
+def test_how_many_steps_what_is_viscous_makes_moves_no_elastic_body(monkeypatch):
+    """Velocities that particles give nodes anew are lost by the time and not by the step."""
+    pressed = Block(points=60).press("bonded", 0.8)
+    plain = World(LAWS["neo-hookean"], {"C10": 8.2e3, "kappa": 6.3e4}, 1000.0, np.zeros(3))
+    found, stable = [], Pace.stable
+    for share in (1.0, 0.25):
+        monkeypatch.setattr(Pace, "stable", lambda self, *a, share=share: share * stable(self, *a))
+        found.append(Stage(pressed, 8.4e-3).rolled(plain).p_WQ)
+    assert np.abs(found[0] - found[1]).max() < 5e-7  # 7e-6 if by the step
 
 
 def test_long_steps_stand_a_deep_press(monkeypatch):

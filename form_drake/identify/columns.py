@@ -52,6 +52,7 @@ class Columns:
         self._zero3 = wp.zeros(n, dtype=t.vec3, device=device)
         self._zero33 = wp.zeros(n, dtype=t.mat, device=device)
         self._own = wp.zeros(0, dtype=t.real, device=device)  # no pressure is supplied
+        self._whole = self._put(np.ones(1), t.real)
         self._unit = self._put(np.array([[1.0, 0.0, 0.0, 0.0]]), t.vec4)
 
     def _put(self, value: np.ndarray, dtype):
@@ -59,9 +60,9 @@ class Columns:
         return wp.array(value, dtype=dtype, device=self.device)
 
     def _scattered(self, x, v, C, tau):
-        dx, whole = self._t.real(self.solver.dx), self._t.real(1.0)
+        dx = self._t.real(self.solver.dx)
         self._grid.zero_()
-        particles = [x, v, C, tau, self._mass, self._volume, whole]
+        particles = [x, v, C, tau, self._mass, self._volume, self._whole]
         inputs = [*particles, self._unit, dx, self._nodes, self._grid]
         wp.launch(self._scatter, dim=len(x), inputs=inputs, device=self.device)
         return self._grid

@@ -118,8 +118,8 @@ def remember(law: Law, decomposition: str, precision: str):
 def history():
     """Kernel (F[time, point], time, constants) -> F_m[time, point].
 
-    F moves straight from one time to the next in strides no longer than ``LARGEST``. What relaxes
-    has relaxed at the start.
+    F moves straight from one time to the next in strides no longer than ``LARGEST``, in whose middle, as
+    times of frames may be few for what relaxes soon (Strang 1968). What relaxes has relaxed at the start.
     """
     t = types("float64")
     left, largest = forget("float64"), wp.constant(t.real(LARGEST))
@@ -141,10 +141,12 @@ def history():
         for n in range(1, F.shape[0]):
             stride = F[n, i] - F[n - 1, i]
             count = 1 + int(wp.sqrt(wp.ddot(stride, stride)) / largest)
-            dt = (time[n] - time[n - 1]) / t.real(count)
+            half = t.real(0.5) * (time[n] - time[n - 1]) / t.real(count)
             for k in range(1, count + 1):
+                if constants[1] > t.real(0.0):
+                    part, plastic = left(part, plastic, half, constants)
                 now = F[n - 1, i] + t.real(k) / t.real(count) * stride
-                part, plastic = left(now * wp.inverse(last) * part, plastic, dt, constants)
+                part, plastic = left(now * wp.inverse(last) * part, plastic, half, constants)
                 last = now
             out[n, i] = part
 

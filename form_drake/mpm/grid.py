@@ -13,6 +13,7 @@ import warp as wp
 
 from form_drake.laws.kernels import types
 from form_drake.mpm.boundary import Boundary
+from form_drake.mpm.held import Held
 from form_drake.mpm.model import Body
 from form_drake.mpm.pencils import Pencils
 from form_drake.mpm.transfer import g2p, p2g, pulled
@@ -29,11 +30,13 @@ class Grid:
         body: all particles.
         mass: of them, on the device.
         total: whether the grid is laid over the rest shape; its particles keep their nodes.
-        share: of the velocities of such a grid that particles give anew in a step.
         device: Warp device.
+
+    Attributes:
+        share: of its nodes' velocities, that particles give anew in a step.
     """
 
-    def __init__(self, solver: Solver, body: Body, mass, total: bool, share: float, device: str):
+    def __init__(self, solver: Solver, body: Body, mass, total: bool, device: str):
         t, n, nodes = types(solver.precision), len(body.x), solver.nodes
         dtype = np.float32 if solver.precision == "float32" else np.float64
         self.nodes = wp.vec3i(*nodes)
@@ -56,7 +59,7 @@ class Grid:
         if total and single and wp.get_device(device).is_cpu:
             own = body.x, body.mass, np.broadcast_to(body.volume, n)
             self._pencils = Pencils.of(*own, solver.dx, nodes)
-        self._share = t.real(share if total else 1.0)
+        self.share = Held(wp.ones(1, dtype=t.real, device=device))
 
     def _domain(self, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of where particles may be [m]."""
@@ -73,10 +76,11 @@ class Grid:
         """Over the rest shape: let nodes have the velocities of the particles."""
         own, device = types(self._solver.precision), self._device
         still = wp.zeros(1, dtype=own.vec4, device=device)
+        whole = wp.ones(1, dtype=own.real, device=device)
         self.values.zero_()
         if self._pencils is not None:
             wp.copy(self.values, self._pencils.mass)
-        self._particles(own.real(1.0), x, v, C, wp.zeros_like(C), T, still)
+        self._particles(whole, x, v, C, wp.zeros_like(C), T, still)
         self._boundary.step(self.values, still, wp.zeros(1, dtype=int, device=device))
 
     @property
@@ -97,11 +101,11 @@ class Grid:
         """
         if self._total:
             stays = self._pencils is not None
-            kept = [self.values, clock, decay, self._share, stays]
+            kept = [self.values, clock, decay, self.share.array, stays]
             self._launch(keep(self._solver.precision), len(self.values), kept)
         else:
             self.values.zero_()
-        self._particles(self._share, x, v, C, tau, T, clock)
+        self._particles(self.share.array, x, v, C, tau, T, clock)
 
     def _particles(self, share, x, v, C, tau, T, clock) -> None:
         if self._pencils is not None:
@@ -145,12 +149,12 @@ def keep(precision: str):
         grid: wp.array(dtype=t.vec4),
         clock: wp.array(dtype=t.vec4),
         decay: wp.array(dtype=real),
-        share: real,
+        share: wp.array(dtype=real),
         stays: wp.bool,
     ):
         i = wp.tid()
         g = grid[i]
-        m = (real(1.0) - share) * g[3]
+        m = (real(1.0) - share[0]) * g[3]
         if decay[0] > real(0.0):
             m = m * wp.exp(-decay[0] * clock[0][0])
         grid[i] = t.vec4(m * g[0], m * g[1], m * g[2], wp.where(stays, g[3], real(0.0)))

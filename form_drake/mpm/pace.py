@@ -48,6 +48,13 @@ class Pace:
         """Give every parameter of a body's law a value (SI units)."""
         self._values[body], self._found = dict(values), {}
 
+    @property
+    def elastic(self) -> float:
+        """The longest step at rest [s] if nothing were viscous; every body has a material."""
+        parts = zip(self._laws, self._values, self._densities, strict=True)
+        fastest = max(law.wave_speed(v, least) for law, v, least in parts if v is not None)
+        return self._cfl * self._dx / (fastest + 1e-12)
+
     def stable(self, speed: float = 0.0, cfl: float | None = None) -> float:
         """The smallest ``stable_dt`` of the bodies [s]; with another ``cfl`` than the pace's, if given."""
         cfl = self._cfl if cfl is None else cfl

@@ -67,7 +67,7 @@ _FRAME = """
 """
 
 _SCATTER = """
-    const lanes m = share * load(head + 12), flux = 4.0f / (dx * dx) * clock.data[0].c[0] * load(head + 20);
+    const lanes m = share.data[0] * load(head + 12), flux = 4.0f / (dx * dx) * clock.data[0].c[0] * load(head + 20);
     lanes T[9], back[9], tau[9], old[9], A[12];
     read(whole, T);
     read(stress, tau);
@@ -223,7 +223,7 @@ def kernels():
         C: wp.array(dtype=mat),
         stress: wp.array(dtype=mat),
         whole: wp.array(dtype=mat),
-        share: real,
+        share: wp.array(dtype=real),
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -264,7 +264,7 @@ def kernels():
         C: wp.array(dtype=mat),
         tau: wp.array(dtype=mat),
         T: wp.array(dtype=mat),
-        share: real,
+        share: wp.array(dtype=real),
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,

@@ -26,8 +26,8 @@ GRAPHS = (4, 2, 1)
 
 _capture_lock = threading.Lock()
 
-# Share of the grid's velocities over the rest shape that particles give anew in a step, see ``grid``; with
-# tools that push particles all, as these would swing.
+# Share of the grid's velocities over the rest shape that particles give anew in an elastic body's step, see
+# ``grid``; with tools that push particles all, as these would swing.
 TAKEN = 0.03
 # Courant number there without such tools; what is pressed far may be stiffer than at rest.
 REST = 0.6
@@ -101,8 +101,7 @@ class Simulation:
     def _allocate(self) -> None:
         t, solver, n = self._t, self.solver, len(self.body.x)
         self._mass = self._array(self.body.mass, t.real)
-        share = 1.0 if self.tools.touch else TAKEN
-        self.grid = Grid(solver, self.body, self._mass, self.total, share, self.device)
+        self.grid = Grid(solver, self.body, self._mass, self.total, self.device)
         self._half = self._array(self.body.half, t.vec3)
         self._x = wp.zeros(n, dtype=place_type(solver.precision, self.total), device=self.device)
         self._v = wp.zeros(n, dtype=t.vec3, device=self.device)
@@ -133,6 +132,12 @@ class Simulation:
     def _set_dt(self, dt: float) -> None:
         self._dt = dt
         self._time.write([dt, *self.solver.gravity])
+        self._blend()
+
+    def _blend(self) -> None:
+        """Let particles give anew as much in a time, however many steps what is viscous makes of it."""
+        if self.total and not self.tools.touch and self.pace.known:
+            self.grid.share.write(1.0 - (1.0 - TAKEN) ** (self._dt / self.pace.elastic))
 
     def set_material(self, values: Values, body: int = 0) -> None:
         """Give every parameter of a body's law a value (SI units).
@@ -150,6 +155,7 @@ class Simulation:
                 f"{law.name}: a parameter of {np.abs(theta).max():.3g} is more than {precision} holds"
             )
         self.pace.set_material(values, body)
+        self._blend()
         self._theta[body].assign(theta.astype(self._dtype))
         vectors = np.stack([law.shape_vector(values), law.radius_vector(values)])
         self._constants[body].assign(vectors.astype(self._dtype))

@@ -65,7 +65,7 @@ def p2g(gradient: str, precision: str):
         tau: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         volume: wp.array(dtype=real),
-        share: real,
+        share: wp.array(dtype=real),
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -79,12 +79,12 @@ def p2g(gradient: str, precision: str):
         m = mass[p]
         dt = clock[0][0]
         affine = dx * (
-            (share * m) * C[p] - (real(4.0) * inverse * inverse * dt * volume[p]) * tau[p]
+            (share[0] * m) * C[p] - (real(4.0) * inverse * inverse * dt * volume[p]) * tau[p]
         )
         along0 = column(affine, 0)
         along1 = column(affine, 1)
         along2 = column(affine, 2)
-        u = (share * m) * v[p] - affine * f
+        u = (share[0] * m) * v[p] - affine * f
         start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
             at_i = axpy(real(int(i)), along0, start)
@@ -104,7 +104,7 @@ def p2g(gradient: str, precision: str):
         tau: wp.array(dtype=t.mat),
         mass: wp.array(dtype=real),
         volume: wp.array(dtype=real),
-        share: real,
+        share: wp.array(dtype=real),
         clock: wp.array(dtype=vec4),
         dx: real,
         nodes: wp.vec3i,
@@ -121,11 +121,11 @@ def p2g(gradient: str, precision: str):
         force0 = column(impulse, 0)
         force1 = column(impulse, 1)
         force2 = column(impulse, 2)
-        affine = (dx * share * m) * C[p]
+        affine = (dx * share[0] * m) * C[p]
         along0 = column(affine, 0)
         along1 = column(affine, 1)
         along2 = column(affine, 2)
-        u = (share * m) * v[p] - affine * f
+        u = (share[0] * m) * v[p] - affine * f
         start = vec4(u[0], u[1], u[2], m)
         for i in range(3):
             at_i = axpy(real(int(i)), along0, start)
