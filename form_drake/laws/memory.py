@@ -118,8 +118,9 @@ def remember(law: Law, decomposition: str, precision: str):
 def history():
     """Kernel (F[time, point], time, constants) -> F_m[time, point].
 
-    F moves straight from one time to the next in strides no longer than ``LARGEST``, in whose middle, as
-    times of frames may be few for what relaxes soon (Strang 1968). What relaxes has relaxed at the start.
+    F moves straight from one time to the next in strides no longer than ``LARGEST``. What relaxes has
+    relaxed at the start, and does so for half of a stride's time before it and for half after it (Strang
+    1968): frames may be few for what relaxes soon.
     """
     t = types("float64")
     left, largest = forget("float64"), wp.constant(t.real(LARGEST))
