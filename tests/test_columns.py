@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import Model, Scenes
-from form_drake.diagnose.columns import Columns, rest_of, twin_of
+from form_drake.diagnose.columns import Columns, parts, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block, noisy
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
+from form_drake.effects.effect import LIGHT, SOFT
 from form_drake.laws import LAWS
+from form_drake.motion import Body
 
 BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
+BODY = Body(np.zeros(3), np.array(BLOCK.size), (), 1e3)
 MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
 
 
@@ -29,14 +32,71 @@ def begun(plate, seconds, **more):
     return Match.of(problem, scenes, MODEL)
 
 
-@pytest.mark.parametrize("plate", ["frictionless", "bonded"])
-def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate):
+SIMULATED = [  # plates, effects, and by how much their columns may turn from one grid to the other
+    ("frictionless", "density", {}, 0.01),
+    ("bonded", "density", {}, 0.01),
+    ("frictionless", "relaxation", {"time": 0.15}, 1e-3),
+    ("bonded", "damping", {}, 1e-3),
+    ("bonded", "yield", {"strain": 0.045}, 1e-3),
+    ("bonded", "eigenstrain", {}, 1e-3),
+]
+
+
+@cache
+def finer_than(plate):
+    match = begun(plate, 0.7)
+    return Match.of(match.problem, replace(match.scenes, coarser=1.5), MODEL)
+
+
+@pytest.mark.parametrize(("plate", "name", "shape", "turned"), SIMULATED)
+def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate, name, shape, turned):
     """3.6 cells along an edge, as in a search, beside 5.3."""
-    match, effect = begun(plate, 0.7), CATALOGUE["density"]
-    finer = Match.of(match.problem, replace(match.scenes, coarser=1.5), MODEL)
-    found, own = (match.by.white(m.raw.of(effect, [{}])[:, 0]) for m in (match, finer))
-    assert found @ own > 0.97 * np.linalg.norm(found) * np.linalg.norm(own)
-    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(own), rel=0.1)
+    match, finer = begun(plate, 0.7), finer_than(plate)
+    found, own = (match.by.white(m.raw.of(CATALOGUE[name], [shape])[:, 0]) for m in (match, finer))
+    assert found @ own > (1.0 - turned) * np.linalg.norm(found) * np.linalg.norm(own)
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(own), rel=2.0 * turned + 0.01)
+
+
+@pytest.mark.parametrize("name", ["damping", "eigenstrain"])
+def test_noisy_tracks_are_read_less_sharply_than_a_column_along_the_motion(name):
+    """Which is why effects that act inside a body are simulated: such a column is another, and larger."""
+    match = begun("bonded", 0.7)
+    along = replace(CATALOGUE[name], id=f"{name} along", trial=0.0)
+    column, found = (match.columns(e, [{}])[:, 0] for e in (along, CATALOGUE[name]))
+    assert np.linalg.norm(column) > 1.2 * np.linalg.norm(found)
+    assert column @ found < 0.9 * np.linalg.norm(column) * np.linalg.norm(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "grown"),
+    [("damping", 10.0), ("floor-slip", 0.1), ("added-mass", 5.0), ("density", 1.0), ("drag", 1.0)],
+)
+def test_a_trial_goes_with_the_body_as_its_unit_does(name, grown):
+    """Ten times as stiff and five times as heavy."""
+    effect = CATALOGUE[name]
+    assert effect.tried(SOFT, LIGHT) == effect.trial
+    assert effect.tried(10.0 * SOFT, 5.0 * LIGHT) == pytest.approx(grown * effect.trial)
+
+
+def test_columns_are_simulated_on_a_grid_of_shapes_and_go_evenly_between():
+    """Of times by their logarithm, and also beyond; three times as fine for an effect that acts."""
+    effect, asked = CATALOGUE["relaxation"], [0.05, 0.1, 0.15, 3.0]
+    for finer, least in ((1, 3.0), (3, 3.0 ** (1 / 3))):
+        sites, shares = parts(effect, [{"time": t} for t in asked], BODY, finer, between=True)
+        times = np.array([shape["time"] for shape in sites.values()])
+        assert shares[:, 0].tolist() == [float(t == times[0]) for t in times]
+        assert np.diff(np.sort(np.log(times))).min() == pytest.approx(np.log(least))
+        assert shares.sum(axis=0) == pytest.approx(1.0)
+        assert np.log(times) @ shares == pytest.approx(np.log(asked))
+
+
+def test_columns_of_two_shape_parameters_go_evenly_between_those_of_either():
+    asked = [{"strain": 0.025, "growth": 0.5}, {"strain": 0.02, "growth": 1.0}]
+    sites, shares = parts(CATALOGUE["hardening"], asked, BODY, between=True)
+    own, wanted = (np.log([list(s.values()) for s in some]).T for some in (sites.values(), asked))
+    assert len(sites) == 4 and np.count_nonzero(shares[:, 1]) == 1
+    assert own @ shares == pytest.approx(wanted)
+    assert own.prod(axis=0) @ shares == pytest.approx(wanted.prod(axis=0))
 
 
 def test_what_the_grid_has_wrong_is_what_a_finer_one_changes():
@@ -108,6 +168,16 @@ def test_what_is_simulated_serves_later_twins_until_it_acts(monkeypatch):
     assert asked == ["density"]
     (cause,) = acting.told.causes
     assert acting.worth() == pytest.approx((cause.coefficient / cause.least) ** 2, rel=1e-6)
+
+
+def test_an_addition_that_acts_is_simulated_at_its_own_shape_alone():
+    """A law has it once. Its columns at other shapes are those along the motion."""
+    effect, shapes = CATALOGUE["rate-dependence"], [{"n": 0.45}, {"n": 0.5}]
+    along = replace(effect, id="along", trial=0.0)
+    acting = begun("bonded", 0.4).near(MODEL.more(effect, 20.0, shapes[0]))
+    found, read = (acting.columns(one, shapes).T for one in (effect, along))
+    assert np.array_equal(found[1], read[1])
+    assert np.linalg.norm(found[0] - read[0]) > 0.2 * np.linalg.norm(found[0])
 
 
 def test_what_holds_a_face_is_worth_what_changes_without_it():

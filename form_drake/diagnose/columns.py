@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from form_drake.effects import Effect, Shape
 from form_drake.effects.acting import failure
 from form_drake.identify.problem import Problem, Rows
 from form_drake.identify.scene import twin_problem
+from form_drake.laws import ADDITIONS
 from form_drake.motion import Body
 from form_drake.records import Recording
 from form_drake.workers import forkable, mapped
 
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
+FINER = 3  # times as many shapes as are tried, of an effect that acts
+ROUND = 1e-9  # share of a column that rounding leaves
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
 Parts = tuple[dict[Key, Shape], np.ndarray]
@@ -66,8 +70,8 @@ class Columns:
             for key, at in self._parts(effect, shapes)[0].items()
             if key not in self._store(effect)
         }
-        tasks = sorted(todo.items(), key=lambda one: not one[1][0].trial)
-        seen = [effect.id for _, (effect, _) in tasks if not effect.trial]
+        tasks = sorted(todo.items(), key=lambda one: not self._simulates(*one[1]))
+        seen = [effect.id for _, (effect, at) in tasks if not self._simulates(effect, at)]
         if seen:
             self.readings[0].ready(seen)  # made once for all copies, as the readings are
         made = mapped(lambda one: self._made(*one[1]), tasks, fork=forkable())
@@ -75,19 +79,34 @@ class Columns:
             self._store(effect)[key] = column
 
     def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
-        return parts(effect, shapes, self.problem.probes[0].body, placed=_placed(effect))
+        finer, between = FINER if self._acts(effect) else 1, self._between(effect)
+        return parts(effect, shapes, self.problem.probes[0].body, finer, between=between)
 
     def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
         """Where its columns are kept: with other twins, or with this one alone."""
-        acts = any(c.effect is effect for c in self.model.causes)
-        return self.simulated if _placed(effect) or (effect.trial and not acts) else self._known
+        near = self._between(effect) or (effect.trial and not self._acts(effect))
+        return self.simulated if near else self._known
+
+    def _between(self, effect: Effect) -> bool:
+        """Whether its columns are made at some shapes or places and taken evenly between them."""
+        once = effect.id in ADDITIONS and self._acts(effect)
+        return bool(effect.trial and effect.shapes) and not effect.columnless and not once
+
+    def _simulates(self, effect: Effect, shape: Shape) -> bool:
+        """Whether a column is a difference of simulations, in which a law has an addition once."""
+        own = [dict(c.shape) for c in self.model.causes if c.effect is effect]
+        once = effect.id in ADDITIONS and any(one != dict(shape) for one in own)
+        return bool(effect.trial) and not once
+
+    def _acts(self, effect: Effect) -> bool:
+        return any(c.effect is effect for c in self.model.causes)
 
     @cached_property
     def _known(self) -> dict[Key, np.ndarray]:
         return {}
 
     def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
-        if effect.trial:
+        if self._simulates(effect, shape):
             return self._changed(effect, shape)
         return np.concatenate([_read(effect, reading, shape) for reading in self.readings])
 
@@ -99,13 +118,13 @@ class Columns:
             replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
             for p in (self.twin, self.problem)
         )
-        more = self.model.more(effect, effect.trial, shape)
-        other = twin_of(other, self.scenes.rough.only(meant), more)
+        size = self.model.trial(effect, probes[0].body)
+        other = twin_of(other, self.scenes.rough.only(meant), self.model.more(effect, size, shape))
         eta, theta = self.twin.coordinates(self.model.values)
         change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
         lengths = [int(p.keep.sum()) for p in probes]
         found = np.zeros(sum(lengths))
-        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / effect.trial
+        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / size
         return found
 
 
@@ -128,7 +147,9 @@ def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:
     return found
 
 
-def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) -> Parts:
+def parts(
+    effect: Effect, shapes: Sequence[Shape], body: Body, finer: int = 1, *, between: bool
+) -> Parts:
     """Shapes whose columns add up to those of others, by key, and their shares, shape [these, shapes].
 
     They are those that the effect states, or places, or themselves.
@@ -137,11 +158,17 @@ def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) 
         effect: with its shape parameters.
         shapes: values of these.
         body: of the first probe.
-        placed: whether columns of an effect with a place are made at some, and go evenly between.
+        finer: times as fine as the effect's own is the grid of shapes.
+        between: whether columns are made at some places, or at shapes of that grid, and go evenly between.
     """
-    if placed and "radius" in effect.shapes:
+    if between and "radius" in effect.shapes:
         return _around(effect, shapes, body)
-    own, shares = (shapes, np.eye(len(shapes))) if effect.parts is None else effect.parts(shapes)
+    if effect.parts is not None:
+        own, shares = effect.parts(shapes)
+    elif between:
+        own, shares = _beside(effect, shapes, finer)
+    else:
+        own, shares = list(shapes), np.eye(len(shapes))
     keys: list[Key] = [(effect.id, tuple(one.items())) for one in own]
     sites = dict(zip(keys, own, strict=True))  # a shape may be asked for twice
     order = {key: n for n, key in enumerate(sites)}
@@ -166,9 +193,26 @@ def _around(effect: Effect, shapes: Sequence[Shape], body: Body) -> Parts:
     return sites, np.array(shares)
 
 
-def _placed(effect: Effect) -> bool:
-    """Whether its columns are simulated at some places and taken evenly between them."""
-    return bool(effect.trial) and "radius" in effect.shapes
+def _beside(effect: Effect, shapes: Sequence[Shape], finer: int) -> tuple[list[Shape], np.ndarray]:
+    """Shapes of an effect's own grid, made finer, and shares that go evenly between them."""
+    own, shares = list[Shape](), []
+    for n, shape in enumerate(shapes):
+        for corner in product(*(_ends(effect, key, shape[key], finer) for key in effect.shapes)):
+            own.append(dict(zip(effect.shapes, (value for value, _ in corner), strict=True)))
+            shares.append(np.eye(len(shapes))[n] * np.prod([share for _, share in corner]))
+    return own, np.array(shares)
+
+
+def _ends(effect: Effect, key: str, value: float, finer: int) -> list[tuple[float, float]]:
+    """Values of the grid beside one, and their shares that are not zero; of sizes by logarithm."""
+    scale, back = (np.log, np.exp) if effect.positive(key) else (np.asarray, np.asarray)
+    grid = np.unique(effect.shapes[key])
+    nodes = np.arange(finer * (len(grid) - 1) + 1) / finer
+    scaled, at = np.interp(nodes, np.arange(len(grid)), scale(grid)), float(scale(value))
+    n = int(np.clip(np.searchsorted(scaled, at) - 1, 0, len(scaled) - 2))
+    share = float((at - scaled[n]) / (scaled[n + 1] - scaled[n]))
+    shares = ((n, 1.0 - share), (n + 1, share))
+    return [(float(back(scaled[m])), s) for m, s in shares if abs(s) > ROUND]
 
 
 def twin_of(

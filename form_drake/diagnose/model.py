@@ -10,7 +10,7 @@ from form_drake.effects import Effect, Shape, World
 from form_drake.effects.acting import Known, changed, known, sensed
 from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
-from form_drake.motion import body
+from form_drake.motion import Body, body
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, framed
 from form_drake.workers import forkable, mapped
@@ -139,6 +139,11 @@ class Model:
         pairs = zip(self.causes, same, strict=True)
         more = (replace(c, coefficient=c.coefficient + size) if s else c for c, s in pairs)
         return replace(self, causes=tuple(more))
+
+    def trial(self, effect: Effect, of: Body) -> float:
+        """Coefficient with which an effect is simulated to see what it changes; zero: it is not."""
+        K, G = self.law.moduli(self.values)
+        return effect.tried(G or K, of.density * float(np.prod(of.high - of.low)))
 
     @property
     def whole(self) -> "Model":

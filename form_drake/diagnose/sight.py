@@ -169,15 +169,19 @@ class Sight(Projected):
             if key not in self.known
         }
         acting = {key: one for key, one in todo.items() if one[0].world is not None}
-        models = [self.model.more(e, _trial(e), shape) for e, shape in acting.values()]
+        models = [self.model.more(e, self._trial(e), shape) for e, shape in acting.values()]
         made = dict(zip(acting, self.scenes.rough.every(models), strict=True))
         for key, (effect, shape) in todo.items():
             own = made.pop(key, None) or self._sensed(effect, shape)
-            self.known[key] = (self._rows(own) - self._still) / _trial(effect)
+            self.known[key] = (self._rows(own) - self._still) / self._trial(effect)
 
     def _sensed(self, effect: Effect, shape: Shape) -> list[Recording]:
-        own = Known(effect, _trial(effect), shape)
+        own = Known(effect, self._trial(effect), shape)
         return [sensed(one, [own]) for one in self.made]
+
+    def _trial(self, effect: Effect) -> float:
+        middle = float(np.sqrt(effect.prior[0] * effect.prior[1]))
+        return self.model.trial(effect, self.bodies[0]) or middle
 
     def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         if self.origin is not None:
@@ -187,7 +191,7 @@ class Sight(Projected):
         return np.stack([self.known[key] for key in sites], axis=1) @ shares
 
     def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
-        return parts(effect, shapes, self.bodies[0], placed=True)
+        return parts(effect, shapes, self.bodies[0], between=not effect.columnless)
 
     @cached_property
     def _still(self) -> np.ndarray:
@@ -244,8 +248,3 @@ def guessed(recording: Recording, law: Law, known: Values) -> Model:
     stress = force.value[most, face.axis] * edges[face.axis] / np.prod(edges)
     modulus = abs(stress) / max(abs(strain), LEAST)
     return Model(law, {**known, **guesses(law, known, [float(modulus)])[0]})
-
-
-def _trial(effect: Effect) -> float:
-    """Coefficient with which an effect is simulated."""
-    return effect.trial or float(np.sqrt(effect.prior[0] * effect.prior[1]))

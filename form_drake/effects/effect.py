@@ -13,6 +13,7 @@ from form_drake.laws.memory import Memory
 
 Shape = Mapping[str, float]
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+SOFT, LIGHT = 1e4, 0.02  # shear modulus [Pa] and mass [kg] for which trials are stated
 PLACE = {"x", "y", "z", "radius"}  # shape parameters of an effect that acts in a ball
 
 
@@ -133,7 +134,7 @@ class Effect:
         most: largest coefficient that there can be.
         share: whether the coefficient is a share of the stress: all of them add up to one at most.
         trial: coefficient with which an effect is simulated that has no column, or has one that is
-            sharper than tracks are read.
+            sharper than tracks are read; small, for a body of ``LIGHT`` whose shear modulus is ``SOFT``.
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
     """
@@ -210,6 +211,18 @@ class Effect:
     def bounded(self, size: float, now: float = 0.0) -> float:
         """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""
         return min(size, self.most) if size > self.lower else 0.5 * (now + self.lower)
+
+    def tried(self, modulus: float, mass: float) -> float:
+        """``trial`` for a body, which goes with these as the unit does.
+
+        Args:
+            modulus: of the body [Pa].
+            mass: its own [kg].
+        """
+        sizes = {"Pa": modulus / SOFT, "kg": mass / LIGHT}
+        over, _, under = self.unit.partition("/")
+        grown, shrunk = (np.prod([sizes.get(u, 1.0) for u in p.split()]) for p in (over, under))
+        return float(self.trial * grown / shrunk)
 
     def grid(self) -> list[dict[str, float]]:
         """All combinations of the shape parameters."""

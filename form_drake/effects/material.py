@@ -41,6 +41,7 @@ DAMPING = _added(
     sentence="the material resists the rate at which it is deformed (Kelvin-Voigt damping)",
     unit="Pa s",
     prior=(1.0, 1e3),
+    trial=20.0,
     shown=("fast press", "shake"),
     signed=False,
 )
@@ -51,6 +52,7 @@ RATE_DEPENDENCE = _added(
     sentence="the material resists deformation more the faster it goes, by a power of the rate",
     unit="Pa s",
     prior=(1.0, 1e4),
+    trial=20.0,
     shown=("presses at speeds ten times apart",),
     shapes={"n": (0.3, 0.5, 0.7)},
     signed=False,
@@ -62,6 +64,7 @@ STIFFENING = _added(
     sentence="the material is stiffer where it is strained further",
     unit="Pa",
     prior=(10.0, 1e6),
+    trial=2e3,
     shown=("presses of two depths",),
 )
 
@@ -136,6 +139,7 @@ RELAXATION = _remembering(
     lambda share, shape: Memory(share, rate=1.0 / shape["time"]),
     id="relaxation",
     sentence="a share of the stress fades with time",
+    trial=0.05,
     shown=("press, hold and release",),
     shapes={"time": (0.05, 0.15, 0.5, 1.5)},
 )
@@ -145,6 +149,7 @@ YIELD = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"]),
     id="yield",
     sentence="a share of the stress grows no more beyond a strain: the body yields",
+    trial=0.1,
     shown=("press, release and wait",),
     shapes={"strain": STRAINS},
 )
@@ -152,6 +157,7 @@ HARDENING = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"], growth=shape["growth"]),
     id="hardening",
     sentence="the body yields, and the more it has yielded the more it bears",
+    trial=0.1,
     shown=("presses of two depths, each with release",),
     shapes={"strain": STRAINS, "growth": (0.2, 1.0)},
 )
@@ -169,6 +175,7 @@ EIGENSTRAIN = Effect(
     prior=(1e-5, 0.1),
     column=_swelling_column,
     world=lambda scene, size, shape: replace(scene, swelling=scene.swelling + size),
+    trial=3e-4,
     shown=("press", "a look at the bonded edge"),
     least=-1.0,
 )
