@@ -35,8 +35,8 @@ class Columns:
         twin: the same of the simulation.
         model: that it was simulated with.
         scenes: of the recordings.
-        simulated: what effects that are simulated and do not act yet change, by id and shape or place;
-            also of other twins of the same scenes, which are near enough to tell what is missing.
+        simulated: what effects change that are simulated, by id and shape or place, but for those that act
+            and have none; also of other twins of the same scenes, which are near enough.
     """
 
     problem: Problem
