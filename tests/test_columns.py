@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import Model, Scenes
-from form_drake.diagnose.columns import Columns, parts, rest_of, twin_of
+from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block, noisy
 from form_drake.diagnose.prepare import read
@@ -15,10 +15,8 @@ from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
 from form_drake.effects.effect import LIGHT, SOFT
 from form_drake.laws import LAWS
-from form_drake.motion import Body
 
 BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
-BODY = Body(np.zeros(3), np.array(BLOCK.size), (), 1e3)
 MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
 
 
@@ -78,25 +76,26 @@ def test_a_trial_goes_with_the_body_as_its_unit_does(name, grown):
     assert effect.tried(10.0 * SOFT, 5.0 * LIGHT) == pytest.approx(grown * effect.trial)
 
 
-def test_columns_are_simulated_on_a_grid_of_shapes_and_go_evenly_between():
-    """Of times by their logarithm, and also beyond; three times as fine for an effect that acts."""
-    effect, asked = CATALOGUE["relaxation"], [0.05, 0.1, 0.15, 3.0]
-    for finer, least in ((1, 3.0), (3, 3.0 ** (1 / 3))):
-        sites, shares = parts(effect, [{"time": t} for t in asked], BODY, finer, between=True)
-        times = np.array([shape["time"] for shape in sites.values()])
-        assert shares[:, 0].tolist() == [float(t == times[0]) for t in times]
-        assert np.diff(np.sort(np.log(times))).min() == pytest.approx(np.log(least))
-        assert shares.sum(axis=0) == pytest.approx(1.0)
-        assert np.log(times) @ shares == pytest.approx(np.log(asked))
-
-
-def test_columns_of_two_shape_parameters_go_evenly_between_those_of_either():
-    asked = [{"strain": 0.025, "growth": 0.5}, {"strain": 0.02, "growth": 1.0}]
-    sites, shares = parts(CATALOGUE["hardening"], asked, BODY, between=True)
-    own, wanted = (np.log([list(s.values()) for s in some]).T for some in (sites.values(), asked))
-    assert len(sites) == 4 and np.count_nonzero(shares[:, 1]) == 1
-    assert own @ shares == pytest.approx(wanted)
-    assert own.prod(axis=0) @ shares == pytest.approx(wanted.prod(axis=0))
+@pytest.mark.parametrize(
+    ("name", "size", "shape"),
+    [
+        ("yield", 0.8, {"strain": 0.0175}),
+        ("yield", 1.0, {"strain": 0.022}),
+        ("relaxation", 0.2, {"time": 0.12}),
+    ],
+)
+def test_columns_of_a_memory_that_acts_are_what_another_one_changes(name, size, shape):
+    """Also where it is the whole stress, beside which nothing more of it can be tried."""
+    acting = begun("bonded", 0.4).near(MODEL.more(CATALOGUE[name], size, shape))
+    (cause,) = acting.model.causes
+    for n, step in enumerate((-0.02, 0.02 * next(iter(shape.values())))):
+        ends = (1.0, 0.0) if n == 0 else (1.0, -1.0)
+        moved = (cause.moved(np.eye(2)[n] * step * end) for end in ends)
+        more, less = (acting.near(replace(acting.model, causes=(m,))).apart for m in moved)
+        true = acting.white(less - more) / (step * (ends[0] - ends[1]))
+        found = acting.explained[:, acting.parts[0] + n]
+        assert found @ true > 0.98 * np.linalg.norm(found) * np.linalg.norm(true)
+        assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(true), rel=0.1)
 
 
 def test_what_the_grid_has_wrong_is_what_a_finer_one_changes():

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
@@ -19,8 +18,6 @@ from form_drake.records import Recording
 from form_drake.workers import forkable, mapped
 
 SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
-FINER = 3  # times as many shapes as are tried, of an effect that acts
-ROUND = 1e-9  # share of a column that rounding leaves
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
 Parts = tuple[dict[Key, Shape], np.ndarray]
@@ -35,8 +32,8 @@ class Columns:
         twin: the same of the simulation.
         model: that it was simulated with.
         scenes: of the recordings.
-        simulated: what effects change that are simulated, by id and shape or place, but for those that act
-            and have none; also of other twins of the same scenes, which are near enough.
+        simulated: what effects that are simulated and do not act yet change, by id and shape or place;
+            also of other twins of the same scenes, which are near enough to tell what is missing.
     """
 
     problem: Problem
@@ -79,27 +76,18 @@ class Columns:
             self._store(effect)[key] = column
 
     def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
-        finer, between = FINER if self._acts(effect) else 1, self._between(effect)
-        return parts(effect, shapes, self.problem.probes[0].body, finer, between=between)
+        return parts(effect, shapes, self.problem.probes[0].body, placed=_placed(effect))
 
     def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
         """Where its columns are kept: with other twins, or with this one alone."""
-        near = self._between(effect) or (effect.trial and not self._acts(effect))
-        return self.simulated if near else self._known
-
-    def _between(self, effect: Effect) -> bool:
-        """Whether its columns are made at some shapes or places and taken evenly between them."""
-        once = effect.id in ADDITIONS and self._acts(effect)
-        return bool(effect.trial and effect.shapes) and not effect.columnless and not once
+        acts = any(c.effect is effect for c in self.model.causes)
+        return self.simulated if _placed(effect) or (effect.trial and not acts) else self._known
 
     def _simulates(self, effect: Effect, shape: Shape) -> bool:
         """Whether a column is a difference of simulations, in which a law has an addition once."""
         own = [dict(c.shape) for c in self.model.causes if c.effect is effect]
         once = effect.id in ADDITIONS and any(one != dict(shape) for one in own)
         return bool(effect.trial) and not once
-
-    def _acts(self, effect: Effect) -> bool:
-        return any(c.effect is effect for c in self.model.causes)
 
     @cached_property
     def _known(self) -> dict[Key, np.ndarray]:
@@ -147,9 +135,7 @@ def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:
     return found
 
 
-def parts(
-    effect: Effect, shapes: Sequence[Shape], body: Body, finer: int = 1, *, between: bool
-) -> Parts:
+def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) -> Parts:
     """Shapes whose columns add up to those of others, by key, and their shares, shape [these, shapes].
 
     They are those that the effect states, or places, or themselves.
@@ -158,17 +144,11 @@ def parts(
         effect: with its shape parameters.
         shapes: values of these.
         body: of the first probe.
-        finer: times as fine as the effect's own is the grid of shapes.
-        between: whether columns are made at some places, or at shapes of that grid, and go evenly between.
+        placed: whether columns of an effect with a place are made at some, and go evenly between.
     """
-    if between and "radius" in effect.shapes:
+    if placed and "radius" in effect.shapes:
         return _around(effect, shapes, body)
-    if effect.parts is not None:
-        own, shares = effect.parts(shapes)
-    elif between:
-        own, shares = _beside(effect, shapes, finer)
-    else:
-        own, shares = list(shapes), np.eye(len(shapes))
+    own, shares = (shapes, np.eye(len(shapes))) if effect.parts is None else effect.parts(shapes)
     keys: list[Key] = [(effect.id, tuple(one.items())) for one in own]
     sites = dict(zip(keys, own, strict=True))  # a shape may be asked for twice
     order = {key: n for n, key in enumerate(sites)}
@@ -193,26 +173,9 @@ def _around(effect: Effect, shapes: Sequence[Shape], body: Body) -> Parts:
     return sites, np.array(shares)
 
 
-def _beside(effect: Effect, shapes: Sequence[Shape], finer: int) -> tuple[list[Shape], np.ndarray]:
-    """Shapes of an effect's own grid, made finer, and shares that go evenly between them."""
-    own, shares = list[Shape](), []
-    for n, shape in enumerate(shapes):
-        for corner in product(*(_ends(effect, key, shape[key], finer) for key in effect.shapes)):
-            own.append(dict(zip(effect.shapes, (value for value, _ in corner), strict=True)))
-            shares.append(np.eye(len(shapes))[n] * np.prod([share for _, share in corner]))
-    return own, np.array(shares)
-
-
-def _ends(effect: Effect, key: str, value: float, finer: int) -> list[tuple[float, float]]:
-    """Values of the grid beside one, and their shares that are not zero; of sizes by logarithm."""
-    scale, back = (np.log, np.exp) if effect.positive(key) else (np.asarray, np.asarray)
-    grid = np.unique(effect.shapes[key])
-    nodes = np.arange(finer * (len(grid) - 1) + 1) / finer
-    scaled, at = np.interp(nodes, np.arange(len(grid)), scale(grid)), float(scale(value))
-    n = int(np.clip(np.searchsorted(scaled, at) - 1, 0, len(scaled) - 2))
-    share = float((at - scaled[n]) / (scaled[n + 1] - scaled[n]))
-    shares = ((n, 1.0 - share), (n + 1, share))
-    return [(float(back(scaled[m])), s) for m, s in shares if abs(s) > ROUND]
+def _placed(effect: Effect) -> bool:
+    """Whether its columns are simulated at some places and taken evenly between them."""
+    return bool(effect.trial) and "radius" in effect.shapes
 
 
 def twin_of(

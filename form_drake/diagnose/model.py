@@ -141,9 +141,14 @@ class Model:
         return replace(self, causes=tuple(more))
 
     def trial(self, effect: Effect, of: Body) -> float:
-        """Coefficient with which an effect is simulated to see what it changes; zero: it is not."""
+        """Coefficient with which an effect is simulated beside this to see what it changes.
+
+        More than all of the stress is no share of it, and would soften the body: less is tried then.
+        """
         K, G = self.law.moduli(self.values)
-        return effect.tried(G or K, of.density * float(np.prod(of.high - of.low)))
+        size = effect.tried(G or K, of.density * float(np.prod(of.high - of.low)))
+        shares = sum(c.coefficient for c in self.causes if c.effect.share)
+        return -size if effect.share and shares + size > 1.0 else size
 
     @property
     def whole(self) -> "Model":

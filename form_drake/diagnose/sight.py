@@ -191,7 +191,7 @@ class Sight(Projected):
         return np.stack([self.known[key] for key in sites], axis=1) @ shares
 
     def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
-        return parts(effect, shapes, self.bodies[0], between=not effect.columnless)
+        return parts(effect, shapes, self.bodies[0], placed=True)
 
     @cached_property
     def _still(self) -> np.ndarray:

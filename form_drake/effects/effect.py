@@ -115,7 +115,7 @@ class Effect:
     Attributes:
         id: as on the command line.
         sentence: what it is, for a report.
-        unit: of the coefficient.
+        unit: of the coefficient: factors with spaces between, and one slash at most.
         prior: from the least to the largest size that is likely.
         column: (reading, shape) -> what a coefficient of one adds to A theta - b; None: it is found
             by simulating with a coefficient of ``trial``.

@@ -139,7 +139,7 @@ RELAXATION = _remembering(
     lambda share, shape: Memory(share, rate=1.0 / shape["time"]),
     id="relaxation",
     sentence="a share of the stress fades with time",
-    trial=0.05,
+    trial=0.02,
     shown=("press, hold and release",),
     shapes={"time": (0.05, 0.15, 0.5, 1.5)},
 )
@@ -149,7 +149,7 @@ YIELD = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"]),
     id="yield",
     sentence="a share of the stress grows no more beyond a strain: the body yields",
-    trial=0.1,
+    trial=0.02,
     shown=("press, release and wait",),
     shapes={"strain": STRAINS},
 )
@@ -157,7 +157,7 @@ HARDENING = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"], growth=shape["growth"]),
     id="hardening",
     sentence="the body yields, and the more it has yielded the more it bears",
-    trial=0.1,
+    trial=0.02,
     shown=("presses of two depths, each with release",),
     shapes={"strain": STRAINS, "growth": (0.2, 1.0)},
 )
