@@ -11,7 +11,7 @@ import pytest
 
 from form_drake.__main__ import main
 from form_drake.bench import blind, blind_score, cases
-from form_drake.bench.blind_score import RATES, digest, score, wilson
+from form_drake.bench.blind_score import RATES, _errors, digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
 from form_drake.effects import CATALOGUE
@@ -70,7 +70,7 @@ def effect(name, *alike):
     return {**one, "where": where}
 
 
-GAP = {"before": 2.0, "after": 0.5, "floor": 0.3, "closure": 0.9}
+GAP = {"before": 0.8, "after": 0.2, "noise": 0.6, "floor": 0.1, "closure": 0.9}
 
 
 def verdicts(key, seal, out):
@@ -124,14 +124,13 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     }
     assert found["rates"]["pairs, both named"]["exactly"] == 1
     assert "; 1 exactly the two" in blind_score.table(found)
-    beyond = pytest.approx(0.4 / np.sqrt(4.0 - 0.09))
-    wanted = {
-        "after/before": 0.25,
-        "floor/before": 0.15,
-        "beyond the floor": beyond,
-        "closure": 0.9,
-    }
-    assert found["gap"] == {"channels": 1, "excluded": 1, **wanted}
+    wanted = {"after/before": 0.25, "with noise": np.sqrt(0.4), "noise alone": 0.6, "closure": 0.9}
+    told = {k: pytest.approx(v) for k, v in wanted.items()}
+    assert found["gap"] == {"channels": 1, "excluded": 1, **told}
+    earlier = {"before": 2.0, "after": 0.5, "floor": 0.3}  # which hold the noise
+    pure, loud, noise = _errors(earlier)
+    assert pure == pytest.approx([np.sqrt(4.0 - 0.09), 0.4]) and noise == 0.3
+    assert list(loud) == [2.0, 0.5]
     assert found["placebos"] == {"cases": 1, "named": 0.9, "runner-up": 0.4, "drawn": 0.1}
     assert found["nulls"] == {"drag": 7.0} and len(found["confusions"]) == 2
     truth = json.loads(key.read_text()).values()

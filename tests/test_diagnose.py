@@ -279,11 +279,11 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert effect["coefficient"] == pytest.approx(DELAY, abs=3.0 * effect["std"])
     gap = {g["channel"]: g for g in found["gap"]}
     force = gap["force of plate 1"]
-    assert force["closure"] > 0.95 and force["after"] < 1.2 * force["floor"]
+    assert force["closure"] > 0.95 and force["after"] < 0.05 * force["before"]
     assert gap["tracks 1"]["closure"] is None  # late forces move no track
     balance = gap["balance"]  # of rows, which gather all samples
-    assert balance["closure"] > 0.9 and balance["after"] < 1.1 * balance["floor"]
-    assert balance["before"] > 2.5 * balance["floor"]
+    assert balance["closure"] > 0.9 and balance["after"] < 0.15 * balance["before"]
+    assert balance["before"] > 2.0 * balance["noise"]
     runner_up, drawn = found["placebos"]
     others = [k for k in found["passes"][0]["scores"] if k not in effect["class"]]
     assert runner_up["name"] == others[0] and drawn["name"] in others[1:]
@@ -492,11 +492,29 @@ def test_a_material_with_effects_is_not_predicted_without_them(tmp_path, capsys)
 
 
 def test_what_grids_may_have_wrong_makes_no_prediction_worse():
-    channel = Channel("force", "N", before=1.0, after=1.2, floor=0.5, grid=0.0)
-    assert channel.worse and channel.closure == pytest.approx(-0.4)
+    channel = Channel("force", "N", before=0.8, after=1.1, noise=0.6, samples=162, grid=0.0)
+    assert channel.floor == pytest.approx(0.2) and channel.closure == pytest.approx(-0.5)
+    assert channel.worse  # 1.25 where 1.0 was, with the noise of one sample in both
     assert not replace(channel, grid=0.4).worse  # two of these beside a twentieth of the error
-    assert not replace(channel, after=1.04).worse
-    assert not replace(channel, floor=1.2).worse  # all of it is noise
+    assert not replace(channel, after=0.85).worse
+    assert not replace(channel, noise=3.0).worse  # most of it is noise
+
+
+def test_errors_far_below_the_noise_of_a_sample_are_told_where_there_are_many():
+    """A third of it, and a thirtieth after: what noise adds to a mean square is taken off."""
+    rng, shape, noise = np.random.default_rng(1), PROBE.p_WQ.shape, 1e-4
+    before, after = (share * noise * rng.standard_normal(shape) for share in (1 / 3, 1 / 30))
+    force = PROBE.forces["plate"]
+    seen = replace(PROBE, p_WQ=PROBE.p_WQ + noise * rng.standard_normal(shape), noise=noise)
+    seen = replace(seen, forces={"plate": replace(force, noise=1.0)})
+    off = [replace(PROBE, p_WQ=PROBE.p_WQ + error) for error in (before, after)]
+    check = Check(Scenes((seen,), (DX,)), None, Predicted((off[0],), (off[0],), None))
+    tracks, still = check.channels(Predicted((off[1],), (off[1],), None))
+    assert tracks.samples == np.prod(shape) and tracks.floor < 0.1 * noise
+    assert tracks.before == pytest.approx(noise / 3.0, rel=0.2) and tracks.counts
+    assert tracks.after < 2.0 * tracks.floor and tracks.closure > 0.5
+    assert not replace(tracks, samples=100).counts  # chance would do as much
+    assert still.before == 0.0 and not still.counts
 
 
 @pytest.mark.parametrize("lost_as", [np.nan, 0.0])

@@ -164,8 +164,8 @@ def _confusions(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> list[
 def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Held-out errors of rightly named singles, channels that are clear of floor and grid alone.
 
-    No prediction errs by less than the floor, the noise of what is measured: beside after / before stand
-    the least that it could be, and what is left where the squares of the floor are taken off both.
+    After / before is of what predictions have wrong, the noise of what is measured taken off; beside it
+    stand the same with that noise in both, and the least that could be then.
     """
     rows = [
         c
@@ -176,12 +176,13 @@ def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, A
     clear = [c for c in rows if c["closure"] is not None]
     if not clear:
         return {"channels": 0, "excluded": len(rows)}
+    pure, loud, noise = (np.array(e) for e in zip(*map(_errors, clear), strict=True))
     return {
         "channels": len(clear),
         "excluded": len(rows) - len(clear),
-        "after/before": float(np.median([c["after"] / c["before"] for c in clear])),
-        "floor/before": float(np.median([c["floor"] / c["before"] for c in clear])),
-        "beyond the floor": float(np.median([_beyond(c) for c in clear])),
+        "after/before": float(np.median(pure[:, 1] / pure[:, 0])),
+        "with noise": float(np.median(loud[:, 1] / loud[:, 0])),
+        "noise alone": float(np.median(noise / loud[:, 0])),
         "closure": float(np.median([c["closure"] for c in clear])),
     }
 
@@ -193,10 +194,13 @@ def _seconds(worked: Sequence[float]) -> dict[str, float]:
     return {"median": float(np.median(worked)), "longest": max(worked), f"over {most:g}": over}
 
 
-def _beyond(channel: Mapping[str, float]) -> float:
-    """Error after by error before, less the floor in both, as squares."""
-    before, after, floor = (channel[k] ** 2 for k in ("before", "after", "floor"))
-    return float(np.sqrt(max(after - floor, 0.0) / (before - floor)))
+def _errors(channel: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Of predictions before and after, the same with noise, and the noise; earlier verdicts hold the second."""
+    told = np.array([channel["before"], channel["after"]])
+    if "noise" in channel:
+        return told, np.hypot(told, channel["noise"]), channel["noise"]
+    noise = channel["floor"]
+    return np.sqrt(np.maximum(told**2 - noise**2, 0.0)), told, noise
 
 
 def _placebos(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:

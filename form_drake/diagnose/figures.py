@@ -140,7 +140,11 @@ def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
 
 
 def gaps(channels: Sequence[Channel]) -> Any:
-    """Errors on held-out motion before and after, and the floor, in units of the error before."""
+    """Errors on held-out motion before and after, and the floor, in units of the error before.
+
+    Args:
+        channels: with an error before.
+    """
     figure = _figure(8, 0.5 * len(channels) + 1.2)
     axes = figure.add_subplot()
     at = np.arange(len(channels))
@@ -155,7 +159,7 @@ def gaps(channels: Sequence[Channel]) -> Any:
     for n, c in zip(at, channels, strict=True):
         axes.plot([c.floor / c.before] * 2, [n - 0.4, n + 0.4], "k--", lw=1)
     axes.set_yticks(at, [c.name for c in channels])
-    axes.set_xlabel("error as a share of that before (dashed: noise)")
+    axes.set_xlabel("error beyond noise as a share of that before (dashed: floor)")
     axes.legend(frameon=False)
     return figure
 

@@ -131,11 +131,11 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
 def _held_out(page: Report, found: Diagnosis, played: str) -> None:
     page.heading("Held-out motion")
     page.table(
-        ["", "before", "after", "floor", "grid", "closed"],
+        ["", "before", "after", "noise", "floor", "grid", "closed"],
         [
             [
                 c.name,
-                *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.floor, c.grid)),
+                *(f"{v:.3g} {c.unit}" for v in (c.before, c.after, c.noise, c.floor, c.grid)),
                 _closed(c),
             ]
             for c in found.channels
@@ -143,7 +143,15 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
     )
     if found.check is not None and found.check.unread:
         page.paragraph(f"The balance of held-out motion is not compared: {found.check.unread}.")
-    page.figure(gaps(found.channels), "Errors before and after.")
+    page.paragraph(
+        "Errors are root mean squares of the predictions' own: what noise adds to a mean square is taken off."
+        " The floor is what noise leaves of them by chance, and closed the share of the gap above it that is."
+    )
+    clear = [c for c in found.channels if c.counts]
+    if clear:
+        page.figure(
+            gaps(clear), "Errors before and after, where the gap is clear of floor and grid."
+        )
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
     if found.placebos:

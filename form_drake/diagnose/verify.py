@@ -1,8 +1,8 @@
 """What an effect is worth: motions that were held back, predicted without it and with it.
 
 What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
-out of the errors before and after alike, so that neither is blamed for it. Tracks and forces are compared
-sample by sample, which needs a gap above the noise of one; rows of the balance gather all samples.
+out of the errors before and after alike, so that neither is blamed for it. What noise adds to a mean square
+is taken off, so that a gap far below the noise of one sample is seen where there are many.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from form_drake.weak.force import measured
 
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
-SEEN = 2.0  # times the floor, and
+SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
 CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
 GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
@@ -33,14 +33,15 @@ LEFT = 0.2  # of what the grid changes, which its projection leaves
 
 @dataclass(frozen=True)
 class Channel:
-    """Root mean square errors of one kind of measurement in one recording.
+    """Errors of predictions of one kind of measurement in one recording, root mean squares beyond noise.
 
     Attributes:
         name: of the recording and what is measured.
         unit: of the errors.
         before: without the effects.
         after: with them.
-        floor: of the measurement's noise.
+        noise: of one measurement.
+        samples: number of measurements, whose noise is independent.
         grid: what a coarser grid changes of the prediction.
     """
 
@@ -48,24 +49,31 @@ class Channel:
     unit: str
     before: float
     after: float
-    floor: float
+    noise: float
+    samples: int
     grid: float
 
     @property
+    def floor(self) -> float:
+        """Error whose square is a standard deviation of the mean square of noise."""
+        return float(self.noise * (2.0 / self.samples) ** 0.25)
+
+    @property
     def counts(self) -> bool:
-        """Whether the gap is clear of what the grid changes."""
+        """Whether the gap is clear of noise and of what the grid changes."""
         return self.before > max(SEEN * self.floor, CLEAR * LEFT * self.grid)
 
     @property
     def worse(self) -> bool:
-        """Whether the effects make the error larger, by more than noise and grid would."""
-        least = WORSE * max(self.before, self.floor)
-        return self.after > float(np.hypot(least, GRID * self.grid))
+        """Whether the effects make the error of a sample larger, by more than noise and grid would."""
+        before, after = (np.hypot(e, self.noise) for e in (self.before, self.after))
+        return bool(after > np.hypot(WORSE * before, GRID * self.grid))
 
     @property
     def closure(self) -> float:
-        """Share of the gap above the floor that is closed."""
-        return (self.before - self.after) / max(self.before - self.floor, 1e-300)
+        """Share of the gap above the floor that is closed; errors below the floor are none."""
+        gap = self.before - self.floor
+        return (self.before - max(self.after, self.floor)) / max(gap, 1e-300)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``discrepancy.json``."""
@@ -74,6 +82,7 @@ class Channel:
             "unit": self.unit,
             "before": self.before,
             "after": self.after,
+            "noise": self.noise,
             "floor": self.floor,
             "grid": self.grid,
             "closure": self.closure if self.counts else None,
@@ -213,9 +222,15 @@ def _balance(before: Match, after: Match) -> Channel:
     """Rows of the balance, in standard deviations, by the weights after."""
     grid = np.zeros(len(after.gap)) if after.grid is None else after.grid
     rows = after.by.white(np.stack([before.apart, after.apart, grid], axis=1))
-    was, now, changed = np.sqrt(np.mean(rows**2, axis=0)).tolist()
-    floor = float(np.sqrt(after.chance_apart / len(rows)))
-    return Channel("balance", "sigma", was, now, floor, changed)
+    was, now, changed = np.sqrt(np.mean(rows**2, axis=0))
+    noise = float(np.sqrt(after.chance_apart / len(rows)))
+    was, now = _beyond(was, noise), _beyond(now, noise)
+    return Channel("balance", "sigma", was, now, noise, len(rows), float(changed))
+
+
+def _beyond(error: float, noise: float) -> float:
+    """A root mean square less what noise adds to its square."""
+    return float(np.sqrt(max(error**2 - noise**2, 0.0)))
 
 
 def there(recording: Recording) -> np.ndarray:
@@ -269,8 +284,9 @@ def _channel(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -
     grid = before - coarse
     along = grid / max(float(np.linalg.norm(grid)), 1e-300)
 
-    def rms(a: np.ndarray) -> float:
-        return float(np.sqrt(np.mean((a - along * (along @ a)) ** 2)))
+    def error(a: np.ndarray) -> float:
+        return _beyond(np.sqrt(np.mean((a - along * (along @ a)) ** 2)), noise)
 
     size = float(np.sqrt(np.mean(grid**2)))
-    return Channel(name, unit, rms(seen - before), rms(seen - other), noise, size)
+    errors = error(seen - before), error(seen - other)
+    return Channel(name, unit, *errors, noise, len(seen), size)
