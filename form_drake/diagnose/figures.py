@@ -140,11 +140,8 @@ def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
 
 
 def gaps(channels: Sequence[Channel]) -> Any:
-    """Errors on held-out motion before and after, and the floor, in units of the error before.
-
-    Args:
-        channels: with an error before.
-    """
+    """Errors on held-out motion after, and the floor, in units of the error before, where a gap counts."""
+    channels = [c for c in channels if c.counts]
     figure = _figure(8, 0.5 * len(channels) + 1.2)
     axes = figure.add_subplot()
     at = np.arange(len(channels))
@@ -160,7 +157,7 @@ def gaps(channels: Sequence[Channel]) -> Any:
         axes.plot([c.floor / c.before] * 2, [n - 0.4, n + 0.4], "k--", lw=1)
     axes.set_yticks(at, [c.name for c in channels])
     axes.set_xlabel("error beyond noise as a share of that before (dashed: floor)")
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 

@@ -41,7 +41,8 @@ class Channel:
         before: without the effects.
         after: with them.
         noise: of one measurement.
-        samples: number of measurements, whose noise is independent.
+        samples: number of measurements, whose noise is independent; of the balance, of rows that noise
+            fills on average.
         grid: what a coarser grid changes of the prediction.
     """
 
@@ -50,7 +51,7 @@ class Channel:
     before: float
     after: float
     noise: float
-    samples: int
+    samples: float
     grid: float
 
     @property
@@ -225,7 +226,7 @@ def _balance(before: Match, after: Match) -> Channel:
     was, now, changed = np.sqrt(np.mean(rows**2, axis=0))
     noise = float(np.sqrt(after.chance_apart / len(rows)))
     was, now = _beyond(was, noise), _beyond(now, noise)
-    return Channel("balance", "sigma", was, now, noise, len(rows), float(changed))
+    return Channel("balance", "sigma", was, now, noise, after.chance_apart, float(changed))
 
 
 def _beyond(error: float, noise: float) -> float:
