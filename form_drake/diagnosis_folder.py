@@ -1,15 +1,20 @@
-"""What a diagnosis leaves in a folder: answer, material, page, and a page that plays."""
+"""What a diagnosis leaves in a folder: answer, material, page, a page that plays, what to record next."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from form_drake.diagnose import Diagnosis
 from form_drake.diagnose.page import diagnosis_page
-from form_drake.files import write_json
+from form_drake.files import write_json, write_text
+from form_drake.motion import body
 from form_drake.report import Report
 
 PLAYED = "before_after.html"
+NEXT = "next.yaml"
+UPRIGHT = 0.999  # of gravity, that pulls down, where a station does what was recorded elsewhere
 
 
 def write_diagnosis(
@@ -20,7 +25,7 @@ def write_diagnosis(
     command: str = "",
     finish: Callable[[Report], None] = lambda page: None,
 ) -> dict[str, Any]:
-    """Write ``discrepancy.json``, ``material.yaml``, ``report.html``, and what plays held-out motion.
+    """Write ``discrepancy.json``, ``material.yaml``, ``report.html``, what plays held-out motion, and ``next.yaml``.
 
     Args:
         found: of a diagnosis.
@@ -33,11 +38,12 @@ def write_diagnosis(
         What ``discrepancy.json`` holds.
     """
     told = found.to_json()
-    told["advice"]["command"] = command
+    told["advice"] |= {"command": command, "scenario": _advise(found, folder) or None}
     write_json(folder / "discrepancy.json", told)
     found.material.write(folder / "material.yaml")
     played = _play(found, folder)
-    page = diagnosis_page(found, thresholds, command=command, played=played)
+    scenario = told["advice"]["scenario"] or ""
+    page = diagnosis_page(found, thresholds, command=command, scenario=scenario, played=played)
     finish(page)
     page.write(folder / "report.html")
     return told
@@ -57,3 +63,20 @@ def _play(found: Diagnosis, folder: Path) -> str:
         "held-out motion, measured and predicted",
     )
     return PLAYED
+
+
+def _advise(found: Diagnosis, folder: Path) -> str:
+    """Name of a scenario in which the station does what should be recorded next; "": it cannot."""
+    from form_drake.systems.advised import advised
+
+    seen = found.naming.passes[0].match.scenes.recordings[0]
+    gravity = np.asarray(seen.gravity)
+    if not -gravity[2] > UPRIGHT * np.linalg.norm(gravity):
+        return ""
+    shape = body(seen)
+    stuck = seen.contact.get("z-", "").startswith("bonded")
+    held = "bonded" if stuck else "frictionless"
+    text = advised(found.advice.motions, shape.low, shape.high, held, found.material)
+    if text:
+        write_text(folder / NEXT, text)
+    return NEXT if text else ""

@@ -9,10 +9,12 @@ import yaml
 
 from form_drake.__main__ import main
 from form_drake.control import smooth
+from form_drake.effects import CATALOGUE
 from form_drake.identify import identify
 from form_drake.laws import LAWS
 from form_drake.material import Material
 from form_drake.records import read, write_recording
+from form_drake.systems.advised import MOTIONS, advised
 from form_drake.systems.layers import named
 from form_drake.systems.probe import begin, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
@@ -449,3 +451,23 @@ def test_a_thicker_strip_is_felt_by_the_joints():
     )
     assert np.linalg.norm(sensor) > 2.0
     assert torque == pytest.approx(sensor, abs=0.02 * np.linalg.norm(sensor))
+
+
+def test_motions_that_a_diagnosis_advises_are_a_scenario(tmp_path):
+    """Of a block of another size: every motion of the catalogue that is one of the plate."""
+    shown = {motion for effect in CATALOGUE.values() for motion in effect.shown}
+    assert set(MOTIONS) < shown
+    soft = Material(LAWS["neo-hookean"], {"C10": 5e3, "kappa": 4e4}, 1100.0)
+    box = np.array([-0.016, -0.02, 0.0]), np.array([0.016, 0.02, 0.03])
+    text = advised(sorted(shown), *box, "frictionless", soft)
+    (tmp_path / "next.yaml").write_text(text)
+    scenario = load_scenario(tmp_path / "next.yaml")
+    made = scenario.specimen.made()
+    assert (made.law, made.values, made.density) == (soft.law, soft.values, 1100.0)
+    assert scenario.specimen.p_WM == pytest.approx([0.5, 0.0, 0.065])
+    assert float(scenario.specimen.contact["specimen_stand"]) == 0.0
+    heights = np.array([point.p_WT[2] for point in scenario.probe.waypoints])
+    assert heights.max() == pytest.approx(0.081) and heights.min() == pytest.approx(0.074)
+    assert heights[0] == heights[-1] == heights.max()  # it begins and ends without contact
+    assert prepare(scenario).duration == scenario.probe.waypoints[-1].time  # the arm gets there
+    assert advised(["shake", "a balance"], *box, "bonded", soft) == ""

@@ -91,6 +91,13 @@ class Advice:
         """Effects of which most likely sizes go unseen, those that are seen least first."""
         return tuple(one for one in self.limits[::-1] if one.missed > BLIND)
 
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """What to record next, as effects name motions; first what tells effects apart."""
+        told = [motion for pair in self.apart for motion, _ in pair.shown]
+        told += [motion for one in self.blind for motion in one.effect.shown]
+        return tuple(m for m in dict.fromkeys(told) if m not in self.recorded)
+
     def sentences(self) -> tuple[str, ...]:
         """What to record or to measure next, in words."""
         found = [pair.sentence() for pair in self.apart]

@@ -26,6 +26,7 @@ def diagnosis_page(
     thresholds: Mapping[str, float],
     *,
     command: str = "",
+    scenario: str = "",
     played: str = "",
 ) -> Report:
     """The page, yet to be written.
@@ -34,6 +35,7 @@ def diagnosis_page(
         found: of a diagnosis.
         thresholds: scores by effect's id that nothing missing may reach.
         command: that diagnoses again with a further recording.
+        scenario: name of the file in which the station does what should be recorded next.
         played: name of the file that plays a held-out motion.
     """
     page = Report(found.sentence())
@@ -45,7 +47,7 @@ def diagnosis_page(
     if found.unverified:
         page.heading("Held-out motion")
         page.paragraph(f"It is not predicted, and verifies nothing: {found.unverified}.")
-    _next(page, found, thresholds, command)
+    _next(page, found, thresholds, command, scenario)
     page.heading("Not verified")
     page.paragraph(UNVERIFIED)
     return page
@@ -182,12 +184,18 @@ def _closed(channel: Channel) -> str:
     return f"{100.0 * channel.closure:.0f} %" if channel.counts else "too near to floor or grid"
 
 
-def _next(page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str) -> None:
+def _next(
+    page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str, scenario: str
+) -> None:
     """What these recordings can show, and what to record next."""
     advice = found.advice
     page.heading("What to record next")
     for sentence in advice.sentences() or ("These recordings leave nothing open.",):
         page.paragraph(sentence)
+    if scenario:
+        page.paragraph(
+            f"{scenario} has the arm of a station do what it can of these motions, for form-drake simulate."
+        )
     if command:
         page.paragraph(f"With a further recording NEXT.h5: {command}")
     page.table(
