@@ -1,6 +1,6 @@
 """A probe run: the arm follows the scenario's path, everything measured is recorded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from form_drake.control import Follow, smooth
-from form_drake.effects import CATALOGUE
+from form_drake.effects import CATALOGUE, Effect
 from form_drake.effects.acting import known, sensed
 from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
@@ -91,6 +91,7 @@ def prepare(
     answers: float | None = None,
     wait: bool = True,
     told: Callable[[Answer], None] = lambda _: None,
+    effects: Mapping[str, Effect] = CATALOGUE,
 ) -> Run:
     """Plan the probe and connect arm, station and recorder.
 
@@ -102,9 +103,10 @@ def prepare(
         answers: time [s] between identifications while the probe moves; None: none.
         wait: whether the probe waits for them.
         told: called with every answer.
+        effects: of which the scenario may name some, by id.
     """
     builder = DiagramBuilder()
-    station = make_station(scenario, meshcat=meshcat, view=view)
+    station = make_station(scenario, effects=effects, meshcat=meshcat, view=view)
     motion = planned(scenario)
     _long_enough(scenario, motion.end_time(), scenario.stereo.rate if seen else None)
     source = builder.AddSystem(station.diagram)
@@ -113,9 +115,8 @@ def prepare(
     builder.AddNamedSystem("follower", follower)
     builder.Connect(follower.GetOutputPort("position"), source.GetInputPort("panda.position"))
     builder.Connect(source.GetOutputPort("tool.force"), follower.GetInputPort("force"))
-    recorder = _add_recorder(
-        builder, scenario, station, _seen(builder, scenario, station, motion, meshcat, seen)
-    )
+    sight = _seen(builder, scenario, station, motion, meshcat, seen)
+    recorder = _add_recorder(builder, scenario, station, sight, effects)
     if answers is not None:
         identifier = Identifier(every=answers, period=scenario.solver.period, wait=wait, told=told)
         builder.AddNamedSystem("identifier", identifier)
@@ -158,10 +159,14 @@ def _seen(
 
 
 def _add_recorder(
-    builder: DiagramBuilder, scenario: Scenario, station: Station, source: Source
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    station: Station,
+    source: Source,
+    effects: Mapping[str, Effect],
 ) -> Recorder:
     solver, made = scenario.solver, scenario.specimen.made()
-    acting = known(made.effects, made.law, CATALOGUE)
+    acting = known(made.effects, made.law, effects)
     recorder = Recorder(
         source.header,
         station.tool.body().name(),

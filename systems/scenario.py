@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +10,8 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.sensors import CameraConfig
 
+from form_drake.effects import CATALOGUE
+from form_drake.effects import Effect as Known
 from form_drake.laws import Law, law_named
 from form_drake.laws.values import check_moduli, checked_values, finite
 from form_drake.material import Acting, Material
@@ -257,8 +259,14 @@ class Scenario:
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
 
 
-def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
+def load_scenario(
+    name: str | Path,
+    changes: Sequence[str] = (),
+    effects: Mapping[str, Known] = CATALOGUE,
+) -> Scenario:
     """A scenario by name or from a file, with changes such as ``specimen.material.E=63e3``.
+
+    ``effects`` are those that it may name, by id.
 
     Raises:
         ValueError: an unknown name or key, a value of the wrong kind, or inheritance without end;
@@ -268,7 +276,7 @@ def load_scenario(name: str | Path, changes: Sequence[str] = ()) -> Scenario:
         found = yaml_load_typed(
             schema=Scenario, data=scenario_text(name, changes), defaults=Scenario()
         )
-        sensible(found)
+        sensible(found, effects)
         return found
     except AssertionError as error:  # of Drake's reader
         raise ValueError(f"scenario {name}: entries are wanted in the place of {error}") from None

@@ -1,12 +1,13 @@
 """Numbers and names of a scenario that no station can have, and what nobody would read."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from form_drake.effects import CATALOGUE
+from form_drake.effects import Effect
 from form_drake.effects.acting import known, placed
 from form_drake.laws import Law, law_named
 from form_drake.laws.values import ENGINEERING, has_lame
@@ -21,8 +22,8 @@ def parameters(law: Law) -> tuple[str, ...]:
     return (*law.keys, *(ENGINEERING if has_lame(law) else ()), "density")
 
 
-def sensible(scenario: "Scenario") -> None:
-    """Refuse numbers that no station can have."""
+def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
+    """Refuse numbers that no station can have, and effects that are not among ``effects``."""
     specimen, solver, measure = scenario.specimen, scenario.solver, scenario.measure
     name = scenario.name
     if Path(name).name != name or name in ("", ".."):
@@ -63,7 +64,7 @@ def sensible(scenario: "Scenario") -> None:
             raise ValueError(f"{name}: must not be negative, got {value}")
     _declared(specimen)
     try:
-        _acting(specimen)
+        _acting(specimen, effects)
     except ValueError as error:
         raise ValueError(f"specimen.effects: {error}") from None
     # read from a file, parts are changed after they were made
@@ -83,9 +84,9 @@ def sensible(scenario: "Scenario") -> None:
             raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
 
 
-def _acting(specimen: "Specimen") -> None:
+def _acting(specimen: "Specimen", effects: Mapping[str, Effect]) -> None:
     """Refuse effects that no file can state, and those outside of the body."""
-    acting = known(specimen.effects, law_named(specimen.law), CATALOGUE)
+    acting = known(specimen.effects, law_named(specimen.law), effects)
     middle, half = np.array(specimen.p_WM), 0.5 * np.array(specimen.size)
     placed(acting, middle - half, middle + half)
 

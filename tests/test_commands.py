@@ -272,7 +272,9 @@ def test_check_reads_the_effects_of_a_material(capsys, here):
     assert found["effects"] == [{"id": "syrup", "coefficient": 2.0, "shape": {}, "std": None}]
     soft.write_text(SOFT + "effects: [{id: drag, coefficient: 2, shape: {x: 1}}]\n")
     assert "soft.yaml: effect drag: shape ['x'] is given" in refusal(capsys, "check", soft)
-    line = refusal(capsys, "check", written(here, "rig.yaml", "rate: 1"), "--effects", own)
+    line = refusal(
+        capsys, "check", written(here, "rig.yaml", "form_drake_rig: 1"), "--effects", own
+    )
     assert "--effects belongs to a material" in line
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from form_drake import LAWS, read_material, write_recording
 from form_drake.bench.truth import MATERIALS
+from form_drake.effects import CATALOGUE, load
 from form_drake.systems.probe import prepare, record
 from form_drake.systems.scenario import load_scenario
 
@@ -62,11 +63,14 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_examples_of_the_readme(folder):
-    (block,) = python_blocks(ROOT / "README.md")
+    first, own = python_blocks(ROOT / "README.md")
     found = {}
-    exec(block, found)
+    exec(first, found)
     E = found["answer"].material.parameters()["E"].value
     assert E == pytest.approx(folder, rel=0.05)
+    Path("buoyancy.py").write_text(own)
+    assert list(load(Path("buoyancy.py"), CATALOGUE)) == ["buoyancy"]
+    assert len(own.splitlines()) <= 20
 
 
 @pytest.mark.parametrize("page", ["recording.md", "solver.md", "effects.md"])

@@ -120,6 +120,30 @@ def test_a_force_that_a_sensor_has_changed_drives_nothing(plain):
         replay(scenario, scenario.specimen.made(), plain, drive="force")
 
 
+OWN = """
+from form_drake.effects import CATALOGUE, Effect
+BIAS = CATALOGUE["force-bias"]
+PULLED = Effect("pulled", "it is pulled", "N", (0.1, 9.0), BIAS.column, sensor=lambda r, size, shape:
+    BIAS.sensor(r, size, {"azimuth": 0.0, "elevation": 0.0}))
+"""
+
+
+def test_a_scenario_names_effects_of_ones_own_and_the_command_their_file(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    way = yaml.safe_dump([{"time": t, "p_WT": [0.5, 0.0, 0.076]} for t in (0.0, 0.1)])
+    own = "specimen.effects=[{id: pulled, coefficient: 0.5}]"
+    told = ["simulate", "press_elastic", "--no-page"]
+    told += [w for c in (*QUIET, own, f"probe.waypoints={way}") for w in ("--set", c)]
+    assert main(told) == 2
+    assert "effect 'pulled': choose from damping" in capsys.readouterr().err
+    assert main([*told, "--effects", "own.py"]) == 0
+    force = read(tmp_path / "runs/press_elastic/recording.h5").forces["press_plate"].value
+    np.testing.assert_allclose(force, np.broadcast_to([0.5, 0.0, 0.0], force.shape), atol=1e-3)
+
+
 def test_a_material_file_is_simulated_as_it_is(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     law = LAWS["fixed-corotated"]

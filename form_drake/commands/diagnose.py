@@ -13,7 +13,7 @@ from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, diagnosed, thresholds
 from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
-from form_drake.effects import CATALOGUE, load
+from form_drake.effects import catalogue
 from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder
 from form_drake.identify.stated import of_one_material
@@ -69,7 +69,7 @@ class Diagnose:
             raise ValueError(
                 f"--law {self.law}: {self.material} has a law; leave out --law or --material"
             )
-        effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
+        effects = catalogue(self.effects)
         recordings, holdout = (
             [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
         )

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import tyro
 
 from form_drake.commands.output import emit, say
-from form_drake.effects import CATALOGUE, Effect, load
+from form_drake.effects import CATALOGUE, Effect, catalogue
 from form_drake.effects.acting import known
 from form_drake.files import existing, read_mapping
 from form_drake.identify import most_observed
@@ -73,10 +73,10 @@ def _effect(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _scenario(name: str | Path) -> dict[str, Any]:
+def _scenario(name: str | Path, own: Path | None = None) -> dict[str, Any]:
     from form_drake.systems.scenario import load_scenario
 
-    scenario = load_scenario(name)
+    scenario = load_scenario(name, effects=catalogue(own))
     return {
         "name": scenario.name,
         "law": scenario.specimen.law,
@@ -121,7 +121,7 @@ class Check:
     file: tyro.conf.Positional[Path]
     """An .h5 or .npz recording, or a .yaml material, scenario or rig."""
     effects: Path | None = None
-    """Python file with effects of your own that a material names; it is executed."""
+    """Python file with effects of your own that a material or a scenario names; it is executed."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
@@ -129,9 +129,11 @@ class Check:
         """Read the file with every check and print what it holds."""
         existing(self.file)
         content = read_mapping(self.file) if self.file.suffix in (".yaml", ".yml") else None
-        kind = "material" if content and "form_drake_material" in content else "other"
-        if self.effects is not None and kind != "material":
-            raise ValueError(f"--effects belongs to a material, and {self.file} is none")
+        kind = _kind(content)
+        if self.effects is not None and kind not in ("material", "scenario"):
+            raise ValueError(
+                f"--effects belongs to a material or a scenario, and {self.file} is none"
+            )
         if self.file.suffix in READERS:
             found = {"kind": "recording", **self._recording()}
         elif content is None:
@@ -139,10 +141,10 @@ class Check:
             raise ValueError(f"{self.file}: unknown kind of file; known endings: {allowed}")
         elif kind == "material":
             found = {"kind": kind, **self._material()}
-        elif "form_drake_rig" in content:
-            found = {"kind": "rig", **_rig(self.file)}
+        elif kind == "rig":
+            found = {"kind": kind, **_rig(self.file)}
         else:
-            found = {"kind": "scenario", **_scenario(self.file)}
+            found = {"kind": kind, **_scenario(self.file, self.effects)}
         for place in _endless(found, ""):
             raise ValueError(
                 f"{self.file}: {place} is not finite: numbers in the file are too small or too large"
@@ -160,7 +162,7 @@ class Check:
 
     def _material(self) -> dict[str, Any]:
         material = read_material(self.file)
-        effects = CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
+        effects = catalogue(self.effects)
         try:
             known(material.effects, material.law, effects)
             found = _material(material, self.file)
@@ -169,6 +171,14 @@ class Check:
             more = "; --effects FILE adds your own" if lost else ""
             raise ValueError(f"{self.file}: {error}{more}") from None
         return found | {"effects": [asdict(one) for one in material.effects]}
+
+
+def _kind(content: dict[str, Any] | None) -> str:
+    """Of a YAML file, by what it holds; "": the file is none."""
+    if content is None:
+        return ""
+    marks = (k for k in ("material", "rig") if f"form_drake_{k}" in content)
+    return next(marks, "scenario")
 
 
 def _stated(recording: Recording) -> None:

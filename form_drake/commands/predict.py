@@ -12,7 +12,7 @@ from tqdm import tqdm
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
 from form_drake.diagnose.verify import there
-from form_drake.effects import CATALOGUE, Effect, load
+from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
@@ -145,7 +145,7 @@ class Predict:
 
     @property
     def _catalogue(self) -> dict[str, Effect]:
-        return CATALOGUE | (load(self.effects, CATALOGUE) if self.effects else {})
+        return catalogue(self.effects)
 
     def _thrown(
         self, material: Material, recording: Recording
@@ -173,7 +173,8 @@ class Predict:
             raise ValueError(
                 f"{self.recording}: a probe, but no scenario.yaml lies beside it: name --scenario"
             )
-        scenario = load_scenario(self.scenario or beside, (f"solver.device={self.device}",))
+        name, own = self.scenario or beside, (f"solver.device={self.device}",)
+        scenario = load_scenario(name, own, self._catalogue)
         with tqdm(unit="step", disable=None, delay=2, leave=False) as bar:
             found = replay(
                 scenario,

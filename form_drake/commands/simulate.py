@@ -9,6 +9,7 @@ import tyro
 from tqdm import tqdm
 
 from form_drake.commands.output import Changes, device, emit, out_file, run_in, say
+from form_drake.effects import catalogue
 from form_drake.files import target_folder, whole_folder, write_json, write_text
 from form_drake.material import read_material
 from form_drake.records import Recording, read_recording, write_recording
@@ -31,6 +32,8 @@ class Simulate:
     """Change of the scenario, such as specimen.material.E=63e3; may be given several times."""
     material: Path | None = None
     """Material file (YAML) of the specimen, effects and all; default: the scenario's own material."""
+    effects: Path | None = None
+    """Python file with effects of your own that material or scenario name; it is executed."""
     out: Path | None = None
     """Folder to write; an earlier one is replaced as a whole; default: runs/SCENARIO."""
     field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
@@ -61,16 +64,18 @@ class Simulate:
 
         if self.answers is not None and not 0.0 < self.answers < np.inf:
             raise ValueError(f"--answers {self.answers:g}: a positive number of seconds is wanted")
+        effects = catalogue(self.effects)
         own: tuple[str, ...] = ()
         if self.material is not None:
-            material, before = read_material(self.material), load_scenario(self.scenario)
+            material = read_material(self.material)
+            before = load_scenario(self.scenario, effects=effects)
             own = (*holding(material), declaring(before.specimen.known, material.law))
         changes = (*own, f"solver.device={self.device}", *self.set)
-        scenario = load_scenario(self.scenario, changes)
+        scenario = load_scenario(self.scenario, changes, effects)
         device(scenario.solver.device)
         if self.graphviz is not None:
             dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
-            write_text(dot, prepare(scenario).diagram.GetGraphvizString())
+            write_text(dot, prepare(scenario, effects=effects).diagram.GetGraphvizString())
             if self.json:
                 emit("", {"diagram": str(dot)}, as_json=True)
             say(f"written: {dot}")
@@ -84,7 +89,15 @@ class Simulate:
         told = (lambda url: say(f"live view: {url}")) if self.live else None
         meshcat = shown(told) if self.page or self.live else None
         view = View(field=self.field)
-        run = prepare(scenario, meshcat, view, seen=within, answers=self.answers, told=_tell)
+        run = prepare(
+            scenario,
+            meshcat,
+            view,
+            seen=within,
+            answers=self.answers,
+            told=_tell,
+            effects=effects,
+        )
         steps = round(run.duration / scenario.solver.period)
         with tqdm(total=steps, unit="step", disable=None, delay=2, leave=False) as bar:
             recording = record(run, lambda *_: bar.update())

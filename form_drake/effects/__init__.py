@@ -4,6 +4,8 @@ An effect is a column of the weak balance and a switch of the simulation, or of 
 test holds for all of them: simulated with the effect, its coefficient is found.
 """
 
+from pathlib import Path
+
 from form_drake.effects.contact import ADHESION, FLOOR_SLIP, TOOL_FRICTION
 from form_drake.effects.effect import Effect, Reading, Shape
 from form_drake.effects.inertia import ADDED_MASS, DENSITY, DRAG, GRAVITY_TILT
@@ -38,6 +40,7 @@ __all__ = [
     "Reading",
     "Shape",
     "World",
+    "catalogue",
     "load",
 ]
 
@@ -68,3 +71,8 @@ CATALOGUE: dict[str, Effect] = {
         CAMERA_POSE,
     )
 }
+
+
+def catalogue(own: Path | None = None) -> dict[str, Effect]:
+    """``CATALOGUE``, and the effects that a file declares beside it; see ``load``."""
+    return CATALOGUE | (load(own, CATALOGUE) if own else {})
