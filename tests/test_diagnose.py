@@ -329,11 +329,13 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
         (["plain0.h5", "--holdout", "late1.h5", "--placebo", "-1"], "--placebo -1"),
         (["plain0.h5", "--effects", "empty.py"], "declares no effect"),
         (["plain0.h5", "--material", "m.yaml", "--law", "yeoh"], "m.yaml has a law; leave out"),
+        (["plain0.h5", "--material", "heavy.yaml"], "heavy.yaml: of another specimen: it has 1300"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
     monkeypatch.chdir(files)
     (files / "empty.py").write_text("a = 1\n")
+    Model(LAW, TRUTH).material(1300.0).write(files / "heavy.yaml")
     silent = replace(probe(0.4, 0.0, 0.0), forces={}, noise=2e-5)
     write_recording(silent, files / "silent.h5")
     assert main(["diagnose", *arguments]) == 2

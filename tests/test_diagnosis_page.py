@@ -16,6 +16,7 @@ from form_drake.__main__ import _parse
 from form_drake.commands.diagnose import Diagnose
 from form_drake.diagnose import Cause, Diagnosis, Model
 from form_drake.diagnose.advice import Advice
+from form_drake.diagnose.diagnosis import _doubts
 from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
 from form_drake.diagnose.page import diagnosis_page
@@ -291,6 +292,27 @@ def test_held_out_motion_that_is_not_predicted_is_said_everywhere(diagnosis, tmp
     assert (unsure.verdict, unsure.to_json()["unverified"]) == ("ambiguous", "it broke down")
     diagnosis_page(unsure, {}).write(tmp_path / "r.html")
     assert "verifies nothing: it broke down." in (tmp_path / "r.html").read_text()
+
+
+def test_what_is_refused_is_not_in_the_material(diagnosis):
+    assert [e.id for e in diagnosis.material.effects] == ["inclusion"]
+    refused = replace(diagnosis, naming=replace(diagnosis.naming, verdict="unnamed"))
+    assert refused.material.effects == () and dict(refused.material.values) == {
+        "mu": 20e3,
+        "lam": 40e3,
+    }
+
+
+def test_what_recordings_leave_open_is_said_everywhere(diagnosis, tmp_path):
+    seen, law = block(), LAWS["fixed-corotated"]
+    start, found = (Model(law, {"mu": mu, "lam": 40e3}) for mu in (20e3, 31e3))
+    assert _doubts([seen], None, found) == _doubts([seen], start, start) == ()
+    jitter, other = _doubts([seen, replace(seen, noise=None)], start, found)
+    assert "recording 2" in jitter and "2e+04 Pa, these recordings show 3.1e+04 Pa" in other
+    unsure = replace(diagnosis, doubts=(jitter,))
+    assert jitter in str(unsure) and unsure.to_json()["doubts"] == [jitter]
+    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    assert escape(jitter) in (tmp_path / "r.html").read_text()
 
 
 def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):

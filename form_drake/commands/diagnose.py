@@ -1,7 +1,7 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, diagnosed, thresholds
 from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
-from form_drake.effects import catalogue
+from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
 from form_drake.files import target_folder, whole_folder
 from form_drake.identify.stated import of_one_material
@@ -73,17 +73,12 @@ class Diagnose:
         recordings, holdout = (
             [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
         )
-        start = None
-        if self.material is not None:
-            start = Model.of(read_material(self.material), effects)
         paths = (*self.recording, *self.holdout)
         pairs = list(zip(paths, (*recordings, *holdout), strict=True))
         _check(pairs)
+        start = self._start(effects, recordings[0])
         of_one_material((*recordings, *holdout), start.law.name if start else None)
         _check_stated(pairs, len(recordings), self.dx)
-        if start is not None:
-            shape = body(recordings[0])
-            placed(start.causes, shape.low, shape.high)
         law = start.law if start else law_named(self._law(recordings[0]))
         limits = thresholds()
         found = diagnosed(
@@ -103,6 +98,25 @@ class Diagnose:
             told = write_diagnosis(found, limits, folder, command=command)
         emit(str(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
+
+    def _start(self, effects: Mapping[str, Effect], recording: Recording) -> Model | None:
+        """The material to begin with; None: there is none.
+
+        Raises:
+            ValueError: it, or a place in it, is of another specimen.
+        """
+        if self.material is None:
+            return None
+        material, shape = read_material(self.material), body(recording)
+        stated = shape.density if material.density is None else material.density
+        if not np.isclose(stated, shape.density):
+            raise ValueError(
+                f"{self.material}: of another specimen: it has {stated:g} kg/m^3, the recordings state"
+                f" {shape.density:g}"
+            )
+        start = Model.of(material, effects)
+        placed(start.causes, shape.low, shape.high)
+        return start
 
     def _again(self, out: Path) -> str:
         """The command that diagnoses again with a further recording."""

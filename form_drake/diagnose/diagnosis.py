@@ -22,6 +22,7 @@ from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 from form_drake.workers import single
 
+OTHER = 1.5  # times a shear modulus, by which a specimen is another
 AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
 
 
@@ -37,6 +38,7 @@ class Diagnosis:
         after: the same, predicted with what was added.
         placebos: wrong effects beside those that were added, if they were asked for.
         unverified: why held-out motions could not be predicted; "": they were, or there are none.
+        doubts: what the recordings leave open whatever was found, in sentences.
     """
 
     naming: Naming
@@ -46,6 +48,7 @@ class Diagnosis:
     after: Predicted | None = None
     placebos: tuple[Placebo, ...] = ()
     unverified: str = ""
+    doubts: tuple[str, ...] = ()
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -76,8 +79,9 @@ class Diagnosis:
 
     @property
     def material(self) -> Material:
-        """With the effects, as they would be written."""
-        return self.naming.model.material(self.density)
+        """As it would be written: with the effects, unless they do not explain what is left."""
+        model = self.without if self.verdict == "unnamed" else self.naming.model
+        return model.material(self.density)
 
     def sentence(self) -> str:
         """The verdict in words."""
@@ -100,7 +104,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         """Verdict, scores and held-out errors as a table."""
-        lines = [self.sentence(), ""]
+        lines = [self.sentence(), *self.doubts, ""]
         for n, one in enumerate(self.naming.passes, start=1):
             told = ", ".join(f"{s.effect.id} {s.score:.0f}" for s in one.ranked[:5])
             lines.append(f"pass {n}: {told}")
@@ -143,6 +147,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "sentence": self.sentence(),
             "failed": self.naming.failed or None,
+            "doubts": list(self.doubts),
             "effects": effects,
             "values": dict(self.naming.model.values),
             "without": dict(self.without.values),
@@ -187,7 +192,7 @@ def diagnosed(
     """Find what a simulation of some recordings is missing.
 
     Args:
-        recordings: of one specimen; the first sets the scale of its moduli by its force.
+        recordings: of one specimen; one at least holds a force, which tells the scale of its moduli.
         law: of the specimen; values that the recordings declare as known stay.
         effects: a catalogue.
         thresholds: scores by effect's id that nothing missing may reach.
@@ -218,7 +223,7 @@ def diagnosed(
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
     without = naming.passes[0].match.model
     density = problem.probes[0].body.density
-    told = Diagnosis(naming, without, density)
+    told = Diagnosis(naming, without, density, doubts=_doubts(recordings, start, naming.model))
     if not holdout or not naming.added:
         return told
     progress("predicting the held-out motion")
@@ -235,6 +240,24 @@ def diagnosed(
     if placebo is None:
         return told
     return replace(told, placebos=tuple(placebos(naming, check, placebo, progress)))
+
+
+def _doubts(recordings: Sequence[Recording], start: Model | None, found: Model) -> tuple[str, ...]:
+    """What may be wrong with recordings or with the material that was begun with."""
+    told = [
+        f"How noisy the tracks of recording {n} are was told by their own jitter: errors that last"
+        " longer than a frame would be taken for motion; state noise or intervals of rest."
+        for n, one in enumerate(recordings, start=1)
+        if one.noise is None and one.rest is None
+    ]
+    if start is not None:
+        (_, was), (_, seen) = (one.law.moduli(one.values) for one in (start, found))
+        if not 1.0 / OTHER < seen / was < OTHER:
+            told.append(
+                f"The material has a shear modulus of {was:.3g} Pa, these recordings show {seen:.3g} Pa: it may be"
+                " that of another specimen."
+            )
+    return tuple(told)
 
 
 def _allowed(start: Model, known: Values) -> dict[str, float]:

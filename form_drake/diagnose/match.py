@@ -249,7 +249,8 @@ class Match(Projected):
     def _shaken(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """What noise changes of the twin's rows, not whitened: draws and their opposites."""
         eta, theta = self.twin.coordinates(self.model.values)
-        return shaken(self.problem, self.twin.coarser, eta, theta)
+        lasting = any(p.fit.lasting for p in self.problem.probes)  # draws that want every point
+        return shaken(self.problem, self.twin if lasting else self.twin.coarser, eta, theta)
 
     @cached_property
     def chance(self) -> float:

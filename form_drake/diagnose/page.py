@@ -39,6 +39,8 @@ def diagnosis_page(
         played: name of the file that plays a held-out motion.
     """
     page = Report(found.sentence())
+    for doubt in found.doubts:
+        page.paragraph(doubt)
     _specimen(page, found)
     _left(page, found)
     _passes(page, found, thresholds)

@@ -24,11 +24,10 @@ from form_drake.weak.force import measured
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
 SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
-CLEAR = 3.0  # times what the grid leaves: smaller gaps say nothing
+CLEAR = 3.0  # times what the grid changes: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
 GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
 SURE = 3.0  # standard deviations, by which a change is another than was predicted
-LEFT = 0.2  # of what the grid changes, which its projection leaves
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class Channel:
     @property
     def counts(self) -> bool:
         """Whether the gap is clear of noise and of what the grid changes."""
-        return self.before > max(SEEN * self.floor, CLEAR * LEFT * self.grid)
+        return self.before > max(SEEN * self.floor, CLEAR * self.grid)
 
     @property
     def worse(self) -> bool:

@@ -14,6 +14,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from form_drake.motion.body import Body
 from form_drake.motion.drift import centred
 from form_drake.motion.knots import chosen_space, filled, press
+from form_drake.motion.lasting import lasting
 from form_drake.motion.modes import edge
 from form_drake.motion.pace import chosen_time, moments
 from form_drake.motion.smoothing import Smoothing, Spread, smoothing_of
@@ -47,6 +48,7 @@ class Fit:
             given and its bias known.
         doubt: parts of the covariance of what no track tells. No rows are weighed by it, which would
             trust those in which a guess of it happens to cancel.
+        lasting: whether errors of the tracks last from frame to frame.
     """
 
     space: Space
@@ -60,6 +62,7 @@ class Fit:
     smoothing: Smoothing
     response: tuple[Spread, ...]
     doubt: tuple[Spread, ...] = ()
+    lasting: bool = False
 
     @property
     def responding(self) -> "Fit":
@@ -160,9 +163,23 @@ def fit_tracks(
     )
     series = unfollowed(rest, noise, freedom)
     parts = (*parts, Spread(np.sqrt(told)[:, None], back @ Q.T @ series))
+    stays = lasting(white, time, _intervals(recording))
+    if stays is not None:
+        scale = np.sqrt(told)[:, None] * stays.scale
+        root = smoothing.alike(scale[:, 0] ** 2)(Q.T @ stays.time_root)
+        own = (Spread(scale, back @ root),)
+        response, parts = (*response, *own), (*parts, *own)
     c = space.tied(by_root(space, roots, z.T @ back.T))
     held, *_ = press(space, X, u, valid)
-    return Fit(space, splines, c, noise, misfit, held, roots, parts, smoothing, response)
+    lasts = stays is not None
+    return Fit(
+        space, splines, c, noise, misfit, held, roots, parts, smoothing, response, lasting=lasts
+    )
+
+
+def _intervals(recording: Recording) -> np.ndarray | None:
+    """Intervals of rest, from the first frame on [s]."""
+    return None if recording.rest is None else recording.rest - recording.time[0]
 
 
 def by_root(space: Space, roots: tuple[np.ndarray, ...], white: np.ndarray) -> np.ndarray:

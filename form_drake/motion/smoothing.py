@@ -54,6 +54,11 @@ class Smoothing:
         weak = self.rest * (z - self.modes @ along)
         return np.asarray(self.modes @ (self.own * along - self.modes.T @ weak) + weak)
 
+    def alike(self, weight: np.ndarray) -> "Smoothing":
+        """The same for all functions, as it is on average; ``weight`` of every one, shape [functions]."""
+        own, rest = (np.average(share, axis=1, weights=weight) for share in (self.own, self.rest))
+        return Smoothing(self.modes, own[:, None], rest[:, None])
+
     def spread(self, told: np.ndarray) -> tuple[Spread, ...]:
         """Of what white noise becomes; ``told`` is its variance, shape [functions]."""
         size = np.sqrt(told)

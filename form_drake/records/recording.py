@@ -132,7 +132,7 @@ class Recording:
         geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "size": "..."}.
         contact: condition per face, x- to z+ or other: free, unknown, bonded, frictionless or touched, the
             last three with the name of the tool or support, e.g. {"z-": "bonded floor", "other": "free"}.
-        rest: intervals of rest [s], shape [intervals, 2].
+        rest: intervals in which nothing moves [s], shape [intervals, 2]: what tracks do there is error.
         source: where the data came from.
     """
 
