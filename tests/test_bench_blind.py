@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +14,8 @@ from form_drake.bench.blind_score import RATES, _errors, digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
 from form_drake.effects import CATALOGUE
+from form_drake.laws import LAWS
+from form_drake.records import Recording, write_recording
 
 ORACLES = Path(__file__).parent / "oracles"
 
@@ -293,15 +294,20 @@ def test_motions_of_a_case_are_taken_by_their_names(
     tmp_path, monkeypatch, there, alone, read, held
 ):
     (tmp_path / "a").mkdir()
-    for name in there:
-        (tmp_path / "a" / f"{name}.h5").touch()
+    for n, name in enumerate(blind.PROBES, start=1):
+        made = Recording.from_arrays(np.arange(3.0), np.zeros((3, 8, 3)), noise=n, law="yeoh")
+        if name in there:
+            write_recording(made, tmp_path / "a" / f"{name}.h5")
     told = {}
 
+    def named(recordings):
+        return [blind.PROBES[int(r.noise) - 1] for r in recordings]
+
     def diagnosed(recordings, law, *, holdout, **how):
-        told.update(read=[r.name for r in recordings], held=[r.name for r in holdout])
+        assert law is LAWS["yeoh"]
+        told.update(read=named(recordings), held=named(holdout))
         raise ValueError("far enough")
 
-    monkeypatch.setattr(blind, "read", lambda path: SimpleNamespace(name=path.stem, law=None))
     monkeypatch.setattr(blind, "diagnosed", diagnosed)
     with pytest.raises(ValueError, match="far enough"):
         blind._verdict(blind.cases_of(tmp_path)["a"], alone=alone, placebo=None)

@@ -4,6 +4,8 @@ Data and twin come from one solver here; other tests have data that no solver of
 """
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -283,7 +285,8 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert force["closure"] > 0.95 and force["after"] < 0.05 * force["before"]
     assert gap["tracks 1"]["closure"] is None  # late forces move no track
     balance = gap["balance"]  # of rows, which gather all samples
-    assert balance["closure"] > 0.9 and balance["after"] < 0.15 * balance["before"]
+    assert balance["after"] < 0.15 * balance["before"]
+    assert balance["closure"] is None  # less than three times what so coarse a grid changes
     assert balance["before"] > 2.0 * balance["noise"]
     runner_up, drawn = found["placebos"]
     others = [k for k in found["passes"][0]["scores"] if k not in effect["class"]]
@@ -291,7 +294,8 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     for placebo in (runner_up, drawn):
         closed = {g["channel"]: g["closure"] for g in placebo["gap"]}
         assert closed["force of plate 1"] < force["closure"] - 0.3 and closed["tracks 1"] is None
-        assert closed["balance"] < balance["closure"] - 0.3
+        left = {g["channel"]: g["after"] for g in placebo["gap"]}
+        assert left["balance"] > 3.0 * balance["after"]
     before, after = (one["ledgers"][0] for one in found["passes"])
     assert effect["onset"] == {"probe 1": before["onset"]} and after["onset"] is None
     assert before["tool"] > 2.0 * before["interior"] and after["tool"] < 1.5
@@ -308,10 +312,12 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert "force-delay stands out" in page and "Not verified" in page
 
     written = str(out / "material.yaml")
-    predict = [str(files / "late1.h5"), "--json", "--out", str(files / "p.h5")]
-    assert main(["predict", written, *predict]) == 0
-    with_it = json.loads(capsys.readouterr().out)["force_rms_plate"]
-    assert with_it < 0.5 * force["before"]
+    predict = [written, str(files / "late1.h5"), "--out", str(files / "p.h5")]
+    subprocess.run([sys.executable, "-m", "form_drake", "predict", *predict], check=True)
+    made, seen = (read(files / name).forces["plate"].value for name in ("p.h5", "late1.h5"))
+    left = float(np.sqrt(np.mean((made - seen) ** 2)))  # on another grid than was verified
+    assert left == pytest.approx(np.hypot(force["after"], force["noise"]), rel=0.15)
+    assert left < 0.5 * force["before"]
 
     # what is known already is not found again, nor counted as found
     again, _ = diagnosed(files, capsys, "late", "--material", written)

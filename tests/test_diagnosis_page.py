@@ -133,7 +133,7 @@ def test_rows_that_carry_the_force_are_the_tools():
     names = np.concatenate([f.names for f in PROBE.fields])
     told = {book: set(names[ledger.field[ledger.book == book]]) for book in BOOKS}
     assert told["tool"] == {f"{a} with plate" for a in "xyz"}
-    assert told["contact"] == set(PROBE.fields[1].names)
+    assert told["kinematics"] == set(PROBE.fields[1].names)
     (ledger,) = ledgers(left(5.0 * (ledger.book == "tool")))
     assert ledger.mean("tool") > 5.0 and ledger.mean("interior") < 3.0
     assert replace(ledger, book=np.full(ROWS, "interior")).mean("tool") is None
@@ -240,6 +240,8 @@ def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):
     assert told["effects"][0]["onset"] == {"probe 1": start}
     first, last = (one["ledgers"][0] for one in told["passes"])
     assert first["onset"] == start and first["interior"] > 1.2
+    assert len(first["time"]) == len(first["windows"]) and max(first["windows"]) > 2.0
+    assert np.shape(first["cells"]) == (CELLS,) * 3
     assert last["onset"] is None and last["interior"] == pytest.approx(1.0, abs=0.15)
     assert told["advice"]["apart"][0]["other"] == "density"
 

@@ -1,7 +1,7 @@
 """Where and when a twin leaves something over: rows by ledger, place in the body and moment.
 
-Rows whose field carries a measured force are the tool's ledger, those that tell how faces are held
-that of contact, all others that of the interior.
+Rows whose field carries a measured force are the tool's ledger, those that tell how far held faces have
+gone that of kinematics, forces that tools should not feel that of contact, all others that of the interior.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,8 @@ from form_drake.weak.contact import HeldFields, OpenFields
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Weights
 
-BOOKS = ("interior", "tool", "contact")
+BOOKS = ("interior", "tool", "contact", "kinematics")
+ASIDE = {OpenFields: "contact", HeldFields: "kinematics"}  # rows beside the balance
 CELLS = 6  # of the body along each axis
 RARE = 1e-3  # chance that noise alone reaches the limit of a window
 
@@ -82,9 +83,25 @@ class Ledger:
         return np.divide(heat, seen, out=np.full(heat.shape, np.nan), where=seen > 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Mean squares of the ledgers, one on average where noise is left, and the onset [s]."""
+        """Mean squares, one on average where noise is left: of ledgers, of windows, and in cells less one.
+
+        Times are in s from the first frame on, cells are nested along x, y and z; None: no row sees one.
+        """
         own = {book: self.mean(book) for book in BOOKS}
-        return {"probe": self.name, **own, "onset": self.onset}
+        rows = np.maximum(np.bincount(self.window, minlength=len(self.time)), 1)
+        return {
+            "probe": self.name,
+            **own,
+            "onset": self.onset,
+            "time": self.time.tolist(),
+            "windows": (self.spent / rows).tolist(),
+            "cells": self._cells(),
+        }
+
+    def _cells(self) -> Any:
+        heat = self.heat.astype(object)
+        heat[~np.isfinite(self.heat)] = None
+        return heat.tolist()
 
 
 def ledgers(match: Match) -> tuple[Ledger, ...]:
@@ -136,7 +153,7 @@ def _weights(probe: Probe) -> tuple[np.ndarray, np.ndarray]:
         shares.append(total / np.maximum(total.sum(axis=1, keepdims=True), 1e-300))
         ends = (np.abs(e).sum(axis=(0, 2)) for e in family.acting(motion).values())
         carries = sum(ends, np.zeros(len(size))) > 0.0
-        contact = isinstance(family, HeldFields | OpenFields)
-        books.append(np.where(contact, "contact", np.where(carries, "tool", "interior")))
+        aside = ASIDE.get(type(family))
+        books.append(np.where(carries, aside or "tool", aside or "interior"))
     share = np.concatenate(shares).reshape(-1, CELLS, CELLS, CELLS)
     return share, np.concatenate(books)

@@ -103,7 +103,7 @@ def _left(page: Report, found: Diagnosis) -> None:
 
 def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
     rows = []
-    told = ("interior", "force on tools", "how faces are held")
+    told = ("interior", "force on tools", "force that none should feel", "way of held faces")
     for book, name in zip(BOOKS, told, strict=True):
         means = [one.mean(book) for one in (before, after)]
         if None in means:
