@@ -614,8 +614,13 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
     def fails(*arguments):
         raise ValueError("it broke down")
 
+    unseen = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-9)
+
     def told():
-        return diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[PROBE], dx=DX)
+        return diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[unseen], dx=DX)
+
+    with pytest.raises(ValueError, match="hold the same motion"):
+        diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[PROBE], dx=DX)
 
     monkeypatch.setattr(Check, "of", fails)
     assert told().verdict == "named" and told().unverified == "it broke down"

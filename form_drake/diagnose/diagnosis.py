@@ -15,7 +15,7 @@ from form_drake.diagnose.prepare import read
 from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
 from form_drake.effects import Effect
-from form_drake.identify.stated import weak_known
+from form_drake.identify.stated import of_one_material, weak_known
 from form_drake.laws import Law, Values
 from form_drake.material import Material
 from form_drake.motion.tracks import sighted
@@ -205,13 +205,14 @@ def diagnosed(
 
     Raises:
         ValueError: recordings without force, or that do not state what is needed, those that are held
-            back among them; or that declare other values than ``start`` has.
+            back among them; that hold one motion twice, or declare other values than another or ``start``.
     """
     if not any(r.forces for r in recordings):
         raise ValueError(
             "no recording holds a force: the scale of the moduli cannot be told; add"
             " forces={tool: Stream(...)} to one of them"
         )
+    of_one_material((*recordings, *holdout), law.name)
     for recording in holdout:
         require_stated(recording, dx, held_back=True)
     known = weak_known(recordings, law, {})
