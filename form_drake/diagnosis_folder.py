@@ -68,15 +68,21 @@ def _play(found: Diagnosis, folder: Path) -> str:
 def _advise(found: Diagnosis, folder: Path) -> str:
     """Name of a scenario in which the station does what should be recorded next; "": it cannot."""
     from form_drake.systems.advised import advised
+    from form_drake.systems.probe import planned
+    from form_drake.systems.scenario import load_scenario
 
     seen = found.naming.passes[0].match.scenes.recordings[0]
-    gravity = np.asarray(seen.gravity)
-    if not -gravity[2] > UPRIGHT * np.linalg.norm(gravity):
+    gravity, shape = np.asarray(seen.gravity), body(seen)
+    if seen.gravity is None or not -gravity[2] > UPRIGHT * np.linalg.norm(gravity):
         return ""
-    shape = body(seen)
-    stuck = seen.contact.get("z-", "").startswith("bonded")
-    held = "bonded" if stuck else "frictionless"
-    text = advised(found.advice.motions, shape.low, shape.high, held, found.material)
-    if text:
-        write_text(folder / NEXT, text)
-    return NEXT if text else ""
+    foot = next(f.condition for f in shape.faces if f.axis == 2 and not f.side)
+    text = advised(found.advice.motions, shape.low, shape.high, foot, found.material)
+    if not text:
+        return ""
+    write_text(folder / NEXT, text)
+    try:
+        planned(load_scenario(folder / NEXT))
+    except ValueError:  # the arm cannot do it
+        (folder / NEXT).unlink()
+        return ""
+    return NEXT

@@ -14,6 +14,7 @@ CELLS = 10  # of the grid, along the least edge
 FOOT = (0.5, 0.0, 0.05)  # of a block, in the middle of the stand [m]
 CLEAR = 1e-3  # between plate and block where nothing is pressed [m]
 STILL = 0.3  # before the plate moves [s]: a specimen settles first
+WIDEST = 0.06  # a block, of which the plate presses all [m]
 AWAY = -1.0  # a share that stands for CLEAR
 
 # Motion, as effects name it: seconds that each part takes, and the share of the height that is pressed then.
@@ -41,17 +42,17 @@ def advised(
         motions: as effects name them; those that the station cannot do are left out.
         low: least corner of the block, free of stress [m].
         high: its greatest corner [m]; z is upwards.
-        held: what is known of its foot, ``bonded`` or ``frictionless``.
+        held: what is known of its foot; the station has it ``bonded`` or ``frictionless``.
         material: of the block; effects are left out.
 
     Returns:
-        What ``form-drake simulate`` takes; "": the station can do none of them.
+        What ``form-drake simulate`` takes; "": the station can do none of them, or not with this block.
     """
     done = [motion for motion in dict.fromkeys(motions) if motion in MOTIONS]
     parts = [part for parts in dict.fromkeys(MOTIONS[m] for m in done) for part in parts]
-    if not parts:
-        return ""
     size = np.asarray(high) - np.asarray(low)
+    if not parts or held not in ("bonded", "frictionless") or max(size[:2]) > WIDEST:
+        return ""
     middle = np.add(FOOT, [0.0, 0.0, 0.5 * size[2]])
     room = [*(0.4 * size[:2]), 4.0 * CLEAR]
     changes = (

@@ -125,7 +125,7 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     }
     assert found["rates"]["pairs, both named"]["exactly"] == 1
     assert "; 1 exactly the two" in blind_score.table(found)
-    wanted = {"after/before": 0.25, "with noise": np.sqrt(0.4), "noise alone": 0.6, "closure": 0.9}
+    wanted = {"beyond noise": 0.25, "with noise": np.sqrt(0.4), "noise alone": 0.6, "closure": 0.9}
     told = {k: pytest.approx(v) for k, v in wanted.items()}
     assert found["gap"] == {"channels": 1, "excluded": 1, **told}
     earlier = {"before": 2.0, "after": 0.5, "floor": 0.3}  # which hold the noise

@@ -23,6 +23,7 @@ from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.prepare import probe as read_probe
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import Found, Naming
+from form_drake.diagnosis_folder import _advise
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
@@ -414,3 +415,22 @@ def test_a_browser_plays_what_was_measured_and_predicted(tmp_path, played):
     assert found["seen"] == [30]  # the one of 0.5 s
     assert found["now"].startswith("t = 0.50 s, rms 0.5 mm before")
     assert picture[150:500].std() > 0.05  # something stands before the background
+
+
+@pytest.mark.parametrize("change", [{"gravity": None}, {"gravity": np.array([0.0, 9.81, 0.0])}])
+def test_no_scenario_is_advised_where_the_station_has_another_scene(
+    diagnosis, tmp_path, monkeypatch, change
+):
+    monkeypatch.setattr(Advice, "motions", ("presses of two depths",))
+
+    def wanted(recording):
+        match = SimpleNamespace(
+            **vars(diagnosis.naming.passes[0].match),
+            scenes=SimpleNamespace(recordings=(recording,)),
+        )
+        first = replace(diagnosis.naming.passes[0], match=match)
+        naming = replace(diagnosis.naming, passes=(first, *diagnosis.naming.passes[1:]))
+        return _advise(replace(diagnosis, naming=naming), tmp_path)
+
+    assert wanted(replace(block(), **change)) == "" and not list(tmp_path.iterdir())
+    assert wanted(block()) == "next.yaml" and (tmp_path / "next.yaml").exists()

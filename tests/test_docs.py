@@ -6,6 +6,7 @@ from fnmatch import fnmatch
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from form_drake import LAWS, read_material, write_recording
@@ -79,6 +80,10 @@ def test_examples_of_the_pages(page, tmp_path, monkeypatch):
     found = {}
     for block in python_blocks(ROOT / "docs" / page):
         exec(block, found)
+    if "buoyancy" in found:  # the README has it too
+        exec(python_blocks(ROOT / "README.md")[1], own := {})
+        columns = [each["buoyancy"].column(found["reading"], {}) for each in (found, own)]
+        assert np.array_equal(*columns) and np.any(columns[0])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -17,9 +17,9 @@ X = LOW + SIZE * np.random.default_rng(0).uniform(0.04, 0.96, (80, 3))
 LOOKED = np.array([[0.0, 0.0, 0.01], [0.005, 0.005, 0.015]]), 1.4  # [m], [s]
 
 
-def fading(rng, series):
+def fading(rng, series, fades=FADES):
     """Errors of unit variance that fade from frame to frame, shape [frames, series]."""
-    kept = np.exp(-1.0 / RATE / FADES)
+    kept = np.exp(-1.0 / RATE / fades)
     found = rng.standard_normal((FRAMES, series))
     for n in range(1, FRAMES):
         found[n] = kept * found[n - 1] + np.sqrt(1.0 - kept**2) * found[n]
@@ -83,7 +83,7 @@ def test_what_lasts_is_found_in_the_functions_that_hold_it():
         found = lasting(white, TIME, np.array([[0.0, 0.99], [1.0, 2.0]]))
         variance = found.scale[:, 0] ** 2
         sizes.append(variance.sum() / (6 * 9.0))
-        assert variance[:6].sum() > 0.9 * variance.sum()
+        assert variance[:6].sum() > 0.85 * variance.sum()
         kept.append((found.time_root @ found.time_root.T)[0, 1])
     assert np.mean(kept) == pytest.approx(np.exp(-1.0 / RATE / FADES), abs=0.03)
     assert 1.0 < np.mean(sizes) < 1.8  # a standard deviation more than it is
@@ -95,3 +95,24 @@ def test_white_noise_does_not_last_nor_does_a_glance_tell(rest):
     for seed in range(50):
         white = np.random.default_rng(seed).standard_normal((FRAMES, 150))
         assert lasting(white, TIME, rest) is None
+
+
+@pytest.mark.parametrize("kind", ["means", "sway", "brief", "everywhere"])
+def test_whatever_lasts_is_never_far_more_than_there_is(kind):
+    """Means of two frames, a sway of eight frames, what fades in a frame, and a little in all functions."""
+    sizes = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        white, few = rng.standard_normal((FRAMES, 100)), rng.standard_normal((FRAMES + 1, 6))
+        phase = 2.0 * np.pi * (7.5 * TIME[:, None] + rng.random(6))
+        errors = {
+            "means": 3.0 * (few[1:] + few[:-1]) / np.sqrt(2.0),
+            "sway": 3.0 * np.sqrt(2.0) * np.sin(phase),
+            "brief": 3.0 * fading(rng, 6, 1.0 / RATE),
+            "everywhere": 0.7 * fading(rng, 100, FADES),
+        }[kind]
+        white[:, : errors.shape[1]] += errors
+        found = lasting(white, TIME, np.array([[0.0, REST]]))
+        size = 0.0 if found is None else np.sum(found.scale**2)
+        sizes.append(size / np.sum(errors.var(axis=0)))
+    assert np.median(sizes) > 0.5 and max(sizes) < 5.0

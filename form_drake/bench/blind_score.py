@@ -164,8 +164,8 @@ def _confusions(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> list[
 def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Held-out errors of rightly named singles, channels that are clear of floor and grid alone.
 
-    After / before is of what predictions have wrong, the noise of what is measured taken off; beside it
-    stand the same with that noise in both, and the least that could be then.
+    Errors after by those before: of predictions, the noise of what is measured taken off, and with that
+    noise in both, beside the least that could be then.
     """
     rows = [
         c
@@ -180,7 +180,7 @@ def _gaps(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, A
     return {
         "channels": len(clear),
         "excluded": len(rows) - len(clear),
-        "after/before": float(np.median(pure[:, 1] / pure[:, 0])),
+        "beyond noise": float(np.median(pure[:, 1] / pure[:, 0])),
         "with noise": float(np.median(loud[:, 1] / loud[:, 0])),
         "noise alone": float(np.median(noise / loud[:, 0])),
         "closure": float(np.median([c["closure"] for c in clear])),

@@ -77,7 +77,7 @@ class Diagnose:
         pairs = list(zip(paths, (*recordings, *holdout), strict=True))
         _check(pairs)
         start = self._start(effects, recordings[0])
-        of_one_material((*recordings, *holdout), start.law.name if start else None)
+        of_one_material((*recordings, *holdout), start.law.name if start else self.law)
         _check_stated(pairs, len(recordings), self.dx)
         law = start.law if start else law_named(self._law(recordings[0]))
         limits = thresholds()

@@ -18,6 +18,7 @@ from form_drake.effects import Effect
 from form_drake.identify.stated import of_one_material, weak_known
 from form_drake.laws import Law, Values
 from form_drake.material import Material
+from form_drake.motion.lasting import intervals
 from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 from form_drake.workers import single
@@ -247,9 +248,9 @@ def _doubts(recordings: Sequence[Recording], start: Model | None, found: Model) 
     """What may be wrong with recordings or with the material that was begun with."""
     told = [
         f"How noisy the tracks of recording {n} are was told by their own jitter: errors that last"
-        " longer than a frame would be taken for motion; state noise or intervals of rest."
+        " longer than a frame would be taken for motion; intervals of rest, of eight frames or more, show them."
         for n, one in enumerate(recordings, start=1)
-        if one.noise is None and one.rest is None
+        if one.noise is None and not intervals(one.time, one.rest)
     ]
     if start is not None:
         (_, was), (_, seen) = (one.law.moduli(one.values) for one in (start, found))

@@ -85,16 +85,16 @@ class Ledger:
     def to_json(self) -> dict[str, Any]:
         """Mean squares, one on average where noise is left: of ledgers, of windows, and in cells less one.
 
-        Times are in s from the first frame on, cells are nested along x, y and z; None: no row sees one.
+        Times are in s from the first frame on, cells are nested along x, y and z; None: no row is there.
         """
         own = {book: self.mean(book) for book in BOOKS}
-        rows = np.maximum(np.bincount(self.window, minlength=len(self.time)), 1)
+        rows = np.bincount(self.window, minlength=len(self.time))
         return {
             "probe": self.name,
             **own,
             "onset": self.onset,
             "time": self.time.tolist(),
-            "windows": (self.spent / rows).tolist(),
+            "windows": [s / n if n else None for s, n in zip(self.spent, rows, strict=True)],
             "cells": self._cells(),
         }
 
@@ -153,7 +153,8 @@ def _weights(probe: Probe) -> tuple[np.ndarray, np.ndarray]:
         shares.append(total / np.maximum(total.sum(axis=1, keepdims=True), 1e-300))
         ends = (np.abs(e).sum(axis=(0, 2)) for e in family.acting(motion).values())
         carries = sum(ends, np.zeros(len(size))) > 0.0
+        own = np.where(carries, "tool", "interior")
         aside = ASIDE.get(type(family))
-        books.append(np.where(carries, aside or "tool", aside or "interior"))
+        books.append(own if aside is None else np.full(len(own), aside))
     share = np.concatenate(shares).reshape(-1, CELLS, CELLS, CELLS)
     return share, np.concatenate(books)

@@ -24,6 +24,7 @@ from form_drake.weak.force import measured
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
 SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
+TOLD = 0.02  # share of itself, to which a noise is known
 CLEAR = 3.0  # times what the grid changes: smaller gaps say nothing
 WORSE = 1.05  # times the error before, and
 GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
@@ -55,8 +56,8 @@ class Channel:
 
     @property
     def floor(self) -> float:
-        """Error whose square is a standard deviation of the mean square of noise."""
-        return float(self.noise * (2.0 / self.samples) ** 0.25)
+        """Error whose square is a standard deviation of the mean square of noise, and of what is told of it."""
+        return float(self.noise * (2.0 / self.samples + (2.0 * TOLD) ** 2) ** 0.25)
 
     @property
     def counts(self) -> bool:
@@ -65,9 +66,9 @@ class Channel:
 
     @property
     def worse(self) -> bool:
-        """Whether the effects make the error of a sample larger, by more than noise and grid would."""
-        before, after = (np.hypot(e, self.noise) for e in (self.before, self.after))
-        return bool(after > np.hypot(WORSE * before, GRID * self.grid))
+        """Whether the effects make the error larger, by more than noise and grid would."""
+        least = np.linalg.norm([WORSE * self.before, SEEN * self.floor, GRID * self.grid])
+        return bool(self.after > least)
 
     @property
     def closure(self) -> float:

@@ -6,7 +6,6 @@ from form_drake.motion.smoothing import Spread
 
 LEAST = 8  # frames of an interval of rest that tell
 SURE = 4.0  # standard deviations of white noise, by which an error is one that lasts
-SEEN = 2.0  # the same, of one function
 LONGEST = (
     0.98  # of an error that is left after a frame: what lasts longer than the rest is not seen
 )
@@ -30,13 +29,15 @@ def lasting(white: np.ndarray, time: np.ndarray, rest: np.ndarray | None) -> Spr
     Returns:
         With a time root for the frames, shape [frames, moments].
     """
-    still = [white[(time >= a) & (time <= b)] for a, b in (rest if rest is not None else ())]
-    still = [y - y.mean(axis=0) for y in still if len(y) >= LEAST]
+    still = [white[own] for own in intervals(time, rest)]
+    still = [y - y.mean(axis=0) for y in still]
     if not still:
         return None
     frames = sum(map(len, still)) / len(still)  # of an interval
     square = sum(np.sum(y**2, axis=0) for y in still) / (len(still) * (frames - 1.0))
-    chance = float(square.mean()) / np.sqrt(frames * len(still))  # of a covariance of white noise
+    chance = float(np.median(square)) / np.sqrt(
+        frames * len(still)
+    )  # of a covariance of white noise
     seen = [_covariance(still, lag) for lag in (1, 2)]
     if (seen[0] + square / frames).sum() <= SURE * chance * np.sqrt(len(square)):
         return None
@@ -44,15 +45,28 @@ def lasting(white: np.ndarray, time: np.ndarray, rest: np.ndarray | None) -> Spr
     for _ in range(ROUNDS):  # the mean of an interval, which is taken off, has errors too
         mean = (np.maximum(square - variance, 0.0) + variance * _summed(kept, frames)) / frames
         one, two = (own + mean for own in seen)
-        kept = float(np.clip(two.sum() / one.sum(), FAINT, LONGEST))
-        own = np.where(one > SEEN * chance, one, 0.0)
-        variance = own * max(1.0, one.sum() / max(own.sum(), 1e-300)) / kept
+        kept = min(max(two.sum() / one.sum(), one.sum() / (square + mean).sum()), LONGEST)
+        variance = np.minimum(_shared(one, chance) / kept, square + mean)  # no more than there is
     told = frames * len(still) / _summed(kept, frames) * variance.sum() ** 2 / np.sum(variance**2)
     variance *= 1.0 + np.sqrt(2.0 / told)
     apart = np.abs(time[:, None] - time) / np.median(np.diff(time))
     size, axes = np.linalg.eigh(kept**apart)
     large = size > FAINT * size[-1]
     return Spread(np.sqrt(variance)[:, None], axes[:, large] * np.sqrt(size[large]))
+
+
+def intervals(time: np.ndarray, rest: np.ndarray | None) -> list[np.ndarray]:
+    """Which frames lie in every interval of rest that is long enough to tell, shape [frames] each."""
+    own = [(time >= a) & (time <= b) for a, b in (rest if rest is not None else ())]
+    return [frames for frames in own if frames.sum() >= LEAST]
+
+
+def _shared(one: np.ndarray, chance: float) -> np.ndarray:
+    """Covariances of functions, drawn to their mean as far as chance has them apart; their sum is kept."""
+    apart = max(float(np.var(one)) - chance**2, 0.0)
+    found = one.mean() + apart / (apart + chance**2) * (one - one.mean())
+    found = np.maximum(found, 0.0)
+    return np.asarray(found * (one.sum() / found.sum()))
 
 
 def _summed(kept: float, frames: float) -> float:
