@@ -6,9 +6,7 @@ from form_drake.motion.smoothing import Spread
 
 LEAST = 8  # frames of an interval of rest that tell
 SURE = 4.0  # standard deviations of white noise, by which an error is one that lasts
-LONGEST = (
-    0.98  # of an error that is left after a frame: what lasts longer than the rest is not seen
-)
+LONGEST = 0.98  # of an error that is left after a frame: a rest shows no longer ones
 FAINT = 1e-6  # share that counts as nothing
 ROUNDS = 8  # of estimates
 
@@ -35,9 +33,8 @@ def lasting(white: np.ndarray, time: np.ndarray, rest: np.ndarray | None) -> Spr
         return None
     frames = sum(map(len, still)) / len(still)  # of an interval
     square = sum(np.sum(y**2, axis=0) for y in still) / (len(still) * (frames - 1.0))
-    chance = float(np.median(square)) / np.sqrt(
-        frames * len(still)
-    )  # of a covariance of white noise
+    count = frames * len(still)
+    chance = float(np.median(square)) / np.sqrt(count)  # of a covariance of white noise
     seen = [_covariance(still, lag) for lag in (1, 2)]
     if (seen[0] + square / frames).sum() <= SURE * chance * np.sqrt(len(square)):
         return None
@@ -47,7 +44,7 @@ def lasting(white: np.ndarray, time: np.ndarray, rest: np.ndarray | None) -> Spr
         one, two = (own + mean for own in seen)
         kept = min(max(two.sum() / one.sum(), one.sum() / (square + mean).sum()), LONGEST)
         variance = np.minimum(_shared(one, chance) / kept, square + mean)  # no more than there is
-    told = frames * len(still) / _summed(kept, frames) * variance.sum() ** 2 / np.sum(variance**2)
+    told = count / _summed(kept, frames) * variance.sum() ** 2 / np.sum(variance**2)
     variance *= 1.0 + np.sqrt(2.0 / told)
     apart = np.abs(time[:, None] - time) / np.median(np.diff(time))
     size, axes = np.linalg.eigh(kept**apart)

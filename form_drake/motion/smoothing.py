@@ -56,6 +56,7 @@ class Smoothing:
 
     def alike(self, weight: np.ndarray) -> "Smoothing":
         """The same for all functions, as it is on average; ``weight`` of every one, shape [functions]."""
+        weight = np.maximum(weight, np.finfo(float).tiny)
         own, rest = (np.average(share, axis=1, weights=weight) for share in (self.own, self.rest))
         return Smoothing(self.modes, own[:, None], rest[:, None])
 
