@@ -19,7 +19,6 @@ AWAY = -1.0  # a share that stands for CLEAR
 
 # Motion, as effects name it: seconds that each part takes, and the share of the height that is pressed then.
 MOTIONS: dict[str, tuple[tuple[float, float], ...]] = {
-    "press": ((0.5, 0.15), (0.4, AWAY)),
     "fast press": ((0.15, 0.12), (0.3, AWAY)),
     "press and lift off": ((0.4, 0.15), (0.15, AWAY)),
     "press, hold and release": ((0.3, 0.15), (0.6, 0.15), (0.2, AWAY), (0.3, AWAY)),

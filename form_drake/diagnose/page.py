@@ -150,11 +150,9 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
         "Errors are root mean squares of the predictions' own: what noise adds to a mean square is taken off."
         " The floor is what noise leaves of them by chance, and closed the share of the gap above it that is."
     )
-    clear = [c for c in found.channels if c.counts]
-    if clear:
-        page.figure(
-            gaps(clear), "Errors before and after, where the gap is clear of floor and grid."
-        )
+    if any(c.counts for c in found.channels):
+        caption = "Errors before and after, where the gap is clear of floor and grid."
+        page.figure(gaps(found.channels), caption)
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
     if found.placebos:

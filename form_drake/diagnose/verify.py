@@ -226,7 +226,8 @@ def _balance(before: Match, after: Match) -> Channel:
     was, now, changed = np.sqrt(np.mean(rows**2, axis=0))
     noise = float(np.sqrt(after.chance_apart / len(rows)))
     was, now = _beyond(was, noise), _beyond(now, noise)
-    return Channel("balance", "sigma", was, now, noise, after.chance_apart, float(changed))
+    samples = max(after.chance_apart, 1.0)
+    return Channel("balance", "sigma", was, now, noise, samples, float(changed))
 
 
 def _beyond(error: float, noise: float) -> float:
