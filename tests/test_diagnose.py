@@ -261,14 +261,24 @@ def diagnosed(files, capsys, name, *more):
 
 
 def test_nothing_is_named_where_nothing_is_missing(files, capsys):
-    found, out = diagnosed(files, capsys, "plain")
-    assert found["verdict"] == "none" and found["effects"] == [] and found["gap"] == []
+    found, out = diagnosed(files, capsys, "plain", "--holdout", str(files / "plain1.h5"))
+    assert found["verdict"] == "none" and found["effects"] == [] and found["doubts"] == []
+    assert [g["channel"] for g in found["gap"]] == ["tracks 1", "force of plate 1", "balance"]
+    assert all(g["before"] == g["after"] and g["closure"] is None for g in found["gap"])
     for key, true in TRUTH.items():
         assert found["values"][key] == pytest.approx(true, rel=0.03)
     assert read_material(out / "material.yaml").effects == ()
     (left,) = found["passes"][0]["ledgers"]
     assert left["onset"] is None and max(left["interior"], left["tool"]) < 1.5
-    assert not (out / "before_after.html").exists()  # nothing was held back
+    assert "before and after are one prediction" in (out / "report.html").read_text()
+
+
+def test_what_only_held_out_motion_shows_is_a_doubt(files, capsys):
+    found, out = diagnosed(files, capsys, "plain", "--holdout", str(files / "late1.h5"))
+    assert found["verdict"] == "none" and found["effects"] == []
+    (doubt,) = found["doubts"]
+    assert "off by more than noise and grid: force of plate 1, balance." in doubt
+    assert doubt in (out / "report.html").read_text()
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):

@@ -21,6 +21,7 @@ from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
 from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.prepare import probe as read_probe
+from form_drake.diagnose.rollout import _astray
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import Found, Naming
 from form_drake.diagnosis_folder import _advise
@@ -76,8 +77,20 @@ def left(more=0.0, seed=0):
     noise = np.random.default_rng(seed).standard_normal(ROWS)
     more = more * np.sqrt(np.diag(covariance(ROWS)))
     return SimpleNamespace(
-        left=noise + BY.white(more), by=BY, twin=SimpleNamespace(probes=(PROBE,))
+        left=noise + BY.white(more), by=BY, twin=SimpleNamespace(probes=(PROBE,)), bent=()
     )
+
+
+BULGE = 1e-3  # [m]
+
+
+def bulging(size, noise=0.0, seed=0):
+    """The probe of a block whose upper corner goes aside steadily, by ``size`` [m] in the end, and its noise."""
+    fit, time = PROBE.fit, PROBE.fit.time
+    steady = [time.knots[n + 1 : n + 1 + time.degree].mean() for n in range(time.size)]
+    more = noise * fit.draw(np.random.default_rng(seed))
+    more[-1, 0] += size * np.array(steady) / time.breaks[-1]
+    return replace(PROBE, fit=replace(fit, c=fit.c + more))
 
 
 def hidden(first, corner):
@@ -227,7 +240,8 @@ def diagnosis():
     for best, rows in (("inclusion", 4.0 * hidden(4, (1, 0, 1))), (None, 0.0)):
         ranked = {k: v for k, v in limits.items() if best or k != "inclusion"}
         one = found(best, ranked, rivals=("density",) if best else ())
-        match = SimpleNamespace(**vars(left(rows)), problem=SimpleNamespace(probes=(PROBE,)))
+        own = SimpleNamespace(probes=(bulging(BULGE if best else 0.0),))
+        match = SimpleNamespace(**vars(left(rows)), problem=own)
         passes.append(replace(one, match=match))
     law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
     model = Model(law, values, (Cause(inclusion, 2.0, BALL, 0.1),))
@@ -245,6 +259,38 @@ def test_the_onset_of_an_effect_is_that_of_its_pass(diagnosis):
     assert np.shape(first["cells"]) == (CELLS,) * 3
     assert last["onset"] is None and last["interior"] == pytest.approx(1.0, abs=0.15)
     assert told["advice"]["apart"][0]["other"] == "density"
+
+
+def test_how_far_a_simulation_is_off_is_told_by_place_and_moment(diagnosis):
+    (before,), (after,) = diagnosis.astray
+    aside, volume = before["rollout"], before["volume"]
+    assert aside.whole == pytest.approx(BULGE / 9.0, rel=0.02)  # root of the mean of (t x y z)^2
+    assert volume.whole == pytest.approx(BULGE / 0.02 / 27.0**0.5, rel=0.02)  # of (t y z)^2
+    assert np.all(np.diff(aside.windows) > 0.0) and aside.windows[0] < 0.2 * aside.windows[-1]
+    assert np.unravel_index(np.argmax(aside.heat), aside.heat.shape) == (CELLS - 1,) * 3
+    assert after["rollout"].whole == after["volume"].whole == 0.0
+    told = diagnosis.to_json()["passes"][0]["ledgers"][0]["rollout"]
+    assert told["whole"] == aside.whole and np.shape(told["cells"]) == aside.heat.shape
+
+
+def test_noise_of_the_tracks_is_taken_off_how_far_a_simulation_is_off():
+    def off(times):
+        own = [
+            _astray(bulging(0.0, times, seed), PROBE, None)["rollout"].whole ** 2
+            for seed in range(8)
+        ]
+        return np.sqrt(np.mean(own))
+
+    noise = _astray(PROBE, PROBE, None)["rollout"].noise
+    assert noise < 1e-5 / 2.0  # less than that of a track
+    assert off(1.0) < 0.5 * noise
+    assert off(4.0) == pytest.approx(noise * 15.0**0.5, rel=0.2)
+
+
+def test_what_a_grid_has_wrong_is_taken_off_how_far_a_simulation_is_off():
+    bent = bulging(BULGE).fit.c - PROBE.fit.c
+    found = _astray(bulging(BULGE), PROBE, bent)["rollout"]
+    assert found.whole == 0.0 and found.grid == pytest.approx(BULGE / 9.0, rel=0.01)
 
 
 def test_both_maps_have_one_scale_and_show_the_place(diagnosis):

@@ -1,6 +1,6 @@
 """The whole of a diagnosis: read, name, add, verify."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,7 @@ from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.placebo import Placebo, placebos
 from form_drake.diagnose.prepare import read
+from form_drake.diagnose.rollout import Astray, astray
 from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
 from form_drake.effects import Effect
@@ -35,8 +36,8 @@ class Diagnosis:
         naming: passes of scoring and adding.
         without: what fits best with nothing added.
         density: of the specimen [kg/m^3].
-        check: held-out motions; None: there are none, or nothing was added.
-        after: the same, predicted with what was added.
+        check: held-out motions; None: there are none, or they could not be predicted.
+        after: the same, predicted with what was added; the same as before where nothing was.
         placebos: wrong effects beside those that were added, if they were asked for.
         unverified: why held-out motions could not be predicted; "": they were, or there are none.
         doubts: what the recordings leave open whatever was found, in sentences.
@@ -62,7 +63,8 @@ class Diagnosis:
         counting = [c for c in self.channels if c.counts]
         worse = any(c.worse for c in self.channels)
         helped = not counting or max(c.closure for c in counting) > 0.0
-        if self.check and self.after and not self.check.bears_out(self.after):
+        added = bool(self.naming.added)
+        if added and self.check and self.after and not self.check.bears_out(self.after):
             return "unnamed"
         if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
             return "unnamed"
@@ -72,6 +74,11 @@ class Diagnosis:
     def ledgers(self) -> tuple[tuple[Ledger, ...], ...]:
         """What is left in every pass, probe by probe."""
         return tuple(ledgers(one.match) for one in self.naming.passes)
+
+    @cached_property
+    def astray(self) -> tuple[tuple[Mapping[str, Astray], ...], ...]:
+        """How far the simulation is off in every pass, probe by probe."""
+        return tuple(astray(one.match) for one in self.naming.passes)
 
     @property
     def advice(self) -> Advice:
@@ -158,9 +165,12 @@ class Diagnosis:
                     "scores": {s.effect.id: s.score for s in p.ranked},
                     "limits": {s.effect.id: s.limit for s in p.ranked},
                     "rivals": list(p.rivals),
-                    "ledgers": [one.to_json() for one in left],
+                    "ledgers": [
+                        one.to_json() | {book: own.to_json() for book, own in off.items()}
+                        for one, off in zip(left, astray, strict=True)
+                    ],
                 }
-                for p, left in zip(passes, self.ledgers, strict=True)
+                for p, left, astray in zip(passes, self.ledgers, self.astray, strict=True)
             ],
             "advice": self.advice.to_json(),
             "gap": [c.to_json() for c in self.channels],
@@ -226,7 +236,7 @@ def diagnosed(
     without = naming.passes[0].match.model
     density = problem.probes[0].body.density
     told = Diagnosis(naming, without, density, doubts=_doubts(recordings, start, naming.model))
-    if not holdout or not naming.added:
+    if not holdout:
         return told
     progress("predicting the held-out motion")
     try:
@@ -234,6 +244,9 @@ def diagnosed(
         check = Check.of(held, naming.passes[0].match)
     except ValueError as error:
         return replace(told, unverified=str(error))
+    if not naming.added:
+        told = replace(told, check=check, after=check.before)
+        return replace(told, doubts=(*told.doubts, *_unseen(told.channels)))
     try:
         told = replace(told, check=check, after=check.predicted(naming.match))
     except ValueError as error:
@@ -260,6 +273,16 @@ def _doubts(recordings: Sequence[Recording], start: Model | None, found: Model) 
                 " that of another specimen."
             )
     return tuple(told)
+
+
+def _unseen(channels: Sequence[Channel]) -> Iterator[str]:
+    """That something is missing in held-out motions which nothing was added for."""
+    off = [c.name for c in channels if c.counts]
+    if off:
+        yield (
+            f"Held-out motion is off by more than noise and grid: {', '.join(off)}. Something is missing there"
+            " that the other recordings do not name: read it too, and hold another back."
+        )
 
 
 def _allowed(start: Model, known: Values) -> dict[str, float]:

@@ -9,8 +9,10 @@ import numpy as np
 from form_drake.diagnose.ledger import Ledger
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause
+from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verify import Channel, there
+from form_drake.motion import Body
 from form_drake.records import Recording
 
 
@@ -65,21 +67,35 @@ def where(match: Match) -> Any:
     return figure
 
 
-def places(before: Sequence[Ledger], after: Sequence[Ledger], causes: Sequence[Cause] = ()) -> Any:
+def places(
+    before: Sequence[Ledger | Astray],
+    after: Sequence[Ledger | Astray],
+    causes: Sequence[Cause] = (),
+    *,
+    label: str = "mean square left over, less that of noise",
+    scale: float = 1.0,
+) -> Any:
     """Where something is left in the body, seen along each axis: probe by probe, first and last.
 
     Circles are the balls of the causes that have a place.
+
+    Args:
+        before: what is left at first, probe by probe.
+        after: the same at the end.
+        causes: what was found.
+        label: of the colours, the brightest of which is one at least.
+        scale: of what they stand for.
     """
     told = [one for pair in zip(before, after, strict=True) for one in pair]
     figure = _figure(9.0, 2.3 * len(told) + 0.3)
     grid = figure.subplots(len(told), 3, squeeze=False)
-    top = max([1.0, *(float(np.nanmax(_seen(one.heat, a))) for one in before for a in range(3))])
+    looks = [[scale * _seen(one.heat, along) for along in range(3)] for one in told]
+    top = max([1.0, *(float(np.nanmax(look)) for own in looks[::2] for look in own)])
     balls = [c.shape for c in causes if "radius" in c.shape]
-    for n, (line, ledger) in enumerate(zip(grid, told, strict=True)):
-        for along, axes in enumerate(line):
-            image = _place(axes, ledger, along, top, balls)
-        line[1].set_title(f"{ledger.name}, {'after' if n % 2 else 'before'}")
-    label = "mean square left over, less that of noise"
+    for n, (line, one, own) in enumerate(zip(grid, told, looks, strict=True)):
+        for along, (axes, look) in enumerate(zip(line, own, strict=True)):
+            image = _place(axes, one.body, along, look, top, balls)
+        line[1].set_title(f"{one.name}, {'after' if n % 2 else 'before'}")
     figure.colorbar(image, ax=grid.ravel().tolist(), label=label)
     return figure
 
@@ -92,15 +108,20 @@ def _seen(heat: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _place(
-    axes: Any, ledger: Ledger, along: int, top: float, balls: Sequence[Mapping[str, float]]
+    axes: Any,
+    body: Body,
+    along: int,
+    look: np.ndarray,
+    top: float,
+    balls: Sequence[Mapping[str, float]],
 ) -> Any:
     """One look through the body along an axis."""
     from matplotlib.patches import Circle
 
     across, up = [a for a in range(3) if a != along]
-    low, high = 1e3 * ledger.body.low, 1e3 * ledger.body.high
+    low, high = 1e3 * body.low, 1e3 * body.high
     image = axes.imshow(
-        np.maximum(_seen(ledger.heat, along), 0.0).T,
+        np.maximum(look, 0.0).T,
         origin="lower",
         extent=(low[across], high[across], low[up], high[up]),
         cmap="viridis",

@@ -95,13 +95,23 @@ class Ledger:
             "onset": self.onset,
             "time": self.time.tolist(),
             "windows": [s / n if n else None for s, n in zip(self.spent, rows, strict=True)],
-            "cells": self._cells(),
+            "cells": nested(self.heat),
         }
 
-    def _cells(self) -> Any:
-        heat = self.heat.astype(object)
-        heat[~np.isfinite(self.heat)] = None
-        return heat.tolist()
+
+def cell_of(body: Body, X: np.ndarray) -> np.ndarray:
+    """Cells in which points are that are free of stress at X [m], x outermost, shape [points]."""
+    place = np.floor(CELLS * (X - body.low) / (body.high - body.low)).astype(int)
+    i, j, k = np.clip(place, 0, CELLS - 1).T
+    found: np.ndarray = (i * CELLS + j) * CELLS + k
+    return found
+
+
+def nested(heat: np.ndarray) -> Any:
+    """Numbers of cells as lists along x, y and z; None: there is none."""
+    found = heat.astype(object)
+    found[~np.isfinite(heat)] = None
+    return found.tolist()
 
 
 def ledgers(match: Match) -> tuple[Ledger, ...]:
@@ -142,9 +152,7 @@ def _apart(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _weights(probe: Probe) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the fields' sizes in the cells, and the ledger of every field."""
     motion, body = probe.motion.at(slice(0, 1)), probe.body
-    place = np.floor(CELLS * (motion.X - body.low) / (body.high - body.low)).astype(int)
-    i, j, k = np.clip(place, 0, CELLS - 1).T
-    cell, shares, books = (i * CELLS + j) * CELLS + k, [], []
+    cell, shares, books = cell_of(body, motion.X), [], []
     for family in probe.fields:
         size = np.linalg.norm(family.at(motion).value[0], axis=-1)
         if not isinstance(family, HeldFields):

@@ -50,6 +50,7 @@ class Match(Projected):
         scenes: of the recordings.
         grid: what the twin has wrong, in rows of b - A theta, shape [rows], by a finer one; None: it is not
             known.
+        bent: the same in coefficients of the fits [m], by probe; none where it is not known, or nothing.
         began: ``apart`` where the model was when ``grid`` and the noise were found.
         simulated: what simulated effects change, see ``Columns``; found once.
     """
@@ -61,6 +62,7 @@ class Match(Projected):
     model: Model
     scenes: Scenes
     grid: np.ndarray | None = field(default=None, repr=False)
+    bent: tuple[np.ndarray, ...] = field(default=(), repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
     simulated: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
 
@@ -98,7 +100,9 @@ class Match(Projected):
             return found
         eta, theta = twin.coordinates(self.model.values)
         one, other = (rest_of(t.rows(eta, theta), theta) for t in (self.twin, twin))
-        return replace(found, grid=self.grid + one - other)
+        changes = zip(self.bent, _bent(self.twin, twin), strict=True)
+        bent = tuple(old + new for old, new in changes)
+        return replace(found, grid=self.grid + one - other, bent=bent)
 
     def anchored(self, made: Recordings | None = None) -> "Match":
         """With what the grid has wrong here, by a finer simulation; noise is taken anew if it is another.
@@ -117,7 +121,8 @@ class Match(Projected):
         if self._moved > OTHER:
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
         rest = by_field(self.problem, np.repeat(share, rows) * grid)
-        found = replace(self, grid=grid, noise=noise, by=noise.beside(rest))
+        bent, by = _bent(finer, self.twin), noise.beside(rest)
+        found = replace(self, grid=grid, bent=bent, noise=noise, by=by)
         return replace(found, began=found.apart)
 
     @cached_property
@@ -266,3 +271,9 @@ class Match(Projected):
         halves = [self.by.white(0.5 * (one - other)) for one, other in self._shaken]
         squares = [np.sum(part(half) ** 2) for half in halves]
         return float(np.mean(squares)) if squares else float(len(self.gap))
+
+
+def _bent(finer: Problem, coarser: Problem) -> tuple[np.ndarray, ...]:
+    """What a finer grid changes of coefficients of fits [m], by probe."""
+    pairs = zip(finer.probes, coarser.probes, strict=True)
+    return tuple(one.fit.c - other.fit.c for one, other in pairs)

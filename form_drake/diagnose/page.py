@@ -1,6 +1,6 @@
 """The report of a diagnosis: one HTML page."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from form_drake.diagnose.advice import Limit
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
 from form_drake.diagnose.ledger import BOOKS, Ledger
+from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import DETECTED, Score, named_from
 from form_drake.diagnose.verdict import LEAST
 from form_drake.diagnose.verify import Channel
@@ -98,6 +99,7 @@ def _left(page: Report, found: Diagnosis) -> None:
     caption += "; blank: no test field is there." if blank else "."
     page.figure(places(before, after, found.naming.model.causes), caption)
     page.figure(moments(before, after), "When it is left.")
+    _astray(page, found)
 
 
 def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
@@ -111,6 +113,32 @@ def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
         count = str(int(np.sum(before.book == book)))
         rows.append([f"{before.name}, {name}", count, *(f"{m:.3g}" for m in means), *starts])
     return rows
+
+
+def _astray(page: Report, found: Diagnosis) -> None:
+    """How far the simulation goes another way, before anything was added and at the end."""
+    before, after = found.astray[0], found.astray[-1]
+    page.table(
+        ["simulation is off by", "before", "after", "noise", "grid"],
+        [row for pair in zip(before, after, strict=True) for row in _astray_rows(*pair)],
+    )
+    page.paragraph(
+        "Root mean squares between the motions that were read, beyond noise, and without what a finer grid"
+        " changes of the simulation; where nothing is missing, chance leaves as much as the noise or less. Volumes"
+        " are shares of those free of stress."
+    )
+    first, last = ([one["rollout"] for one in part] for part in (before, after))
+    label = "displacement off by [um]"
+    shown = places(first, last, found.naming.model.causes, label=label, scale=1e6)
+    page.figure(shown, "Where the simulation is off, looking along each axis.")
+
+
+def _astray_rows(before: Mapping[str, Astray], after: Mapping[str, Astray]) -> Iterator[list[str]]:
+    told = {"rollout": (1e3, "displacement [mm]"), "volume": (1e2, "volume [%]")}
+    for book, one in before.items():
+        scale, name = told[book]
+        values = (one.whole, after[book].whole, one.noise, one.grid)
+        yield [f"{one.name}, {name}", *(f"{scale * v:.2g}" for v in values)]
 
 
 def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> None:
@@ -144,6 +172,8 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
             for c in found.channels
         ],
     )
+    if not found.naming.added:
+        page.paragraph("Nothing was added: before and after are one prediction.")
     if found.check is not None and found.check.unread:
         page.paragraph(f"The balance of held-out motion is not compared: {found.check.unread}.")
     page.paragraph(
