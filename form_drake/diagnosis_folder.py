@@ -1,12 +1,12 @@
 """What a diagnosis leaves in a folder: answer, material, page, a page that plays, what to record next."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from form_drake.diagnose import Diagnosis
+from form_drake.diagnose import Diagnosis, Nulls
 from form_drake.diagnose.page import diagnosis_page
 from form_drake.files import write_json, write_text
 from form_drake.motion import body
@@ -19,7 +19,7 @@ UPRIGHT = 0.999  # of gravity, that pulls down, where a station does what was re
 
 def write_diagnosis(
     found: Diagnosis,
-    thresholds: Mapping[str, float],
+    nulls: Nulls,
     folder: Path,
     *,
     command: str = "",
@@ -29,7 +29,7 @@ def write_diagnosis(
 
     Args:
         found: of a diagnosis.
-        thresholds: score by effect's id that nothing missing may reach.
+        nulls: that its thresholds come from.
         folder: to write into.
         command: that diagnoses again with a further recording.
         finish: adds to the page, once the answer is on disk.
@@ -43,7 +43,7 @@ def write_diagnosis(
     found.material.write(folder / "material.yaml")
     played = _play(found, folder)
     scenario = told["advice"]["scenario"] or ""
-    page = diagnosis_page(found, thresholds, command=command, scenario=scenario, played=played)
+    page = diagnosis_page(found, nulls, command=command, scenario=scenario, played=played)
     finish(page)
     page.write(folder / "report.html")
     return told

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.diagnose import Diagnosis, diagnosed, thresholds
+from form_drake.diagnose import Diagnosis, Nulls, diagnosed
 from form_drake.diagnose.hidden import Hidden
 from form_drake.diagnose.motions import Block
 from form_drake.diagnosis_folder import write_diagnosis
@@ -58,18 +58,18 @@ def run_hidden_demo(
     _hide(folder, np.random.default_rng(seed))
     press, shake, unseen = (read(folder / f"{name}.h5") for name in FILES)
     say("2/3 what a simulation of the block is missing is sought")
-    limits = thresholds()
+    nulls = Nulls.common()
     found = diagnosed(
         (press, shake),
         LAWS[BLOCK.law],
         effects=list(CATALOGUE.values()),
-        thresholds=limits,
+        thresholds=nulls.thresholds,
         holdout=(unseen,),
         dx=DX,
         progress=lambda text: say(f"    {text}"),
     )
     say("3/3 the report is written")
-    write_diagnosis(found, limits, folder, finish=lambda page: _compared(page, found, folder))
+    write_diagnosis(found, nulls, folder, finish=lambda page: _compared(page, found, folder))
     return found, read_mapping(folder / "truth.json")
 
 

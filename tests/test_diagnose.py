@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.diagnose import Cause, Model, Scenes, prepare, verify
+from form_drake.diagnose import Cause, Model, Nulls, Scenes, prepare, verify
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.columns import twin_of
 from form_drake.diagnose.lesser import lesser
@@ -282,8 +282,10 @@ def test_what_only_held_out_motion_shows_is_a_doubt(files, capsys):
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
+    own = {"law": LAW.name, "noise": [NOISE], "dx": [DX], "draws": 3, "scores": {"drag": 2.0}}
+    (files / "own.json").write_text(json.dumps(own))
     unseen = ["--holdout", str(files / "late1.h5"), "--placebo", "3"]
-    found, out = diagnosed(files, capsys, "late", *unseen)
+    found, out = diagnosed(files, capsys, "late", *unseen, "--nulls", str(files / "own.json"))
     assert found["verdict"] == "named" and found["sentence"].startswith(
         "Missing: force and pictures"
     )
@@ -316,7 +318,7 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert advised.specimen.size == pytest.approx([0.02, 0.02, 0.02])
     assert advised.specimen.faces["z-"] == "bonded specimen_stand"
     page = (out / "report.html").read_text()
-    assert "next.yaml has the arm" in page
+    assert "next.yaml has the arm" in page and "come from 3 draws of noise" in page
     assert "before_after.html plays" in page and "What to record next" in page
     assert f"<td>{runner_up['name']}" in page
     assert "force-delay stands out" in page and "Not verified" in page
@@ -334,9 +336,42 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert again["verdict"] == "none" and again["effects"] == []
 
 
+def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
+    out, written = files / "nulls.json", files / "true.yaml"
+    Model(LAW, TRUTH).material(1000.0).write(written)
+    words = ["bench", "nulls", "--draws", "1", "--dx", str(DX), "--out", str(out), "--json"]
+    assert main([*words, "--like", str(files / "plain0.h5")]) == 2
+    assert "--material MATERIAL.yaml are wanted together" in capsys.readouterr().err
+    assert main([*words, "--material", str(written), "--like", str(files / "plain0.h5")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["scores"]) > 15 and max(told["scores"].values()) < 16.0
+    (errors,) = next(iter(told["cases"].values()))["errors"]
+    assert errors == pytest.approx([0.0, 0.0], abs=0.03)
+
+    own, scenes = Nulls.read(out), Scenes.of((read(files / "plain0.h5"),), DX)
+    assert own.thresholds["drag"] == 1.5 * told["scores"]["drag"]
+    own.require_like(scenes, LAW.name)
+    (seen,) = scenes.recordings
+    for other, law in (
+        (scenes, "yeoh"),
+        (scenes.times(2.0), LAW.name),
+        (replace(scenes, recordings=(replace(seen, noise=2.0 * NOISE),)), LAW.name),
+        (replace(scenes, recordings=2 * scenes.recordings, dx=(DX, DX)), LAW.name),
+    ):
+        with pytest.raises(ValueError, match="nulls are of"):
+            own.require_like(other, law)
+        Nulls.common().require_like(other, law)
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
+        (
+            ["plain0.h5", "--nulls", "heavy.yaml"],
+            "heavy.yaml: no nulls of recordings; form-drake bench",
+        ),
+        (["plain0.h5", "--nulls", "below.json"], "below.json: numbers that are finite"),
+        (["plain0.h5", "--nulls", "louder.json"], "nulls are of 1 mm (noise of each recording)"),
         (["plain0.h5", "--holdout", "plain0.h5"], "the same motion as"),
         (["none.h5"], "no such file"),
         (["silent.h5"], "no recording holds a force"),
@@ -351,6 +386,9 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
     monkeypatch.chdir(files)
     (files / "empty.py").write_text("a = 1\n")
+    nulls = {"law": LAW.name, "noise": [NOISE], "dx": [DX], "draws": 1, "scores": {"drag": 1.0}}
+    for name, other in (("below", {"scores": {"drag": -1.0}}), ("louder", {"noise": [1e-3]})):
+        (files / f"{name}.json").write_text(json.dumps(nulls | other))
     Model(LAW, TRUTH).material(1300.0).write(files / "heavy.yaml")
     silent = replace(probe(0.4, 0.0, 0.0), forces={}, noise=2e-5)
     write_recording(silent, files / "silent.h5")

@@ -14,7 +14,7 @@ import pytest
 
 from form_drake.__main__ import _parse
 from form_drake.commands.diagnose import Diagnose
-from form_drake.diagnose import Cause, Diagnosis, Model
+from form_drake.diagnose import Cause, Diagnosis, Model, Nulls
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.diagnosis import _doubts
 from form_drake.diagnose.figures import overlay, places
@@ -23,6 +23,7 @@ from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.prepare import probe as read_probe
 from form_drake.diagnose.rollout import _astray
 from form_drake.diagnose.score import Score
+from form_drake.diagnose.thresholds import FACTOR
 from form_drake.diagnose.verdict import Found, Naming
 from form_drake.diagnosis_folder import _advise
 from form_drake.effects import CATALOGUE
@@ -325,7 +326,9 @@ def test_cells_that_no_row_sees_stay_blank(diagnosis):
 
 def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
     command = "form-drake diagnose a.h5 NEXT.h5 --out 'my runs'"
-    diagnosis_page(diagnosis, {"damping": 100.0}, command=command).write(tmp_path / "r.html")
+    diagnosis_page(diagnosis, Nulls({"damping": 100.0 / FACTOR}), command=command).write(
+        tmp_path / "r.html"
+    )
     page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
     assert "Where and when" in page and "circles: what was found there." in page
     assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
@@ -339,7 +342,7 @@ def test_held_out_motion_that_is_not_predicted_is_said_everywhere(diagnosis, tmp
     unsure = replace(diagnosis, unverified="it broke down")
     assert str(unsure).endswith("held-out motion is not predicted: it broke down")
     assert (unsure.verdict, unsure.to_json()["unverified"]) == ("ambiguous", "it broke down")
-    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")
     assert "verifies nothing: it broke down." in (tmp_path / "r.html").read_text()
 
 
@@ -360,7 +363,7 @@ def test_what_recordings_leave_open_is_said_everywhere(diagnosis, tmp_path):
     assert "recording 2" in jitter and "2e+04 Pa, these recordings show 3.1e+04 Pa" in other
     unsure = replace(diagnosis, doubts=(jitter,))
     assert jitter in str(unsure) and unsure.to_json()["doubts"] == [jitter]
-    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")
     assert escape(jitter) in (tmp_path / "r.html").read_text()
 
 
@@ -373,7 +376,7 @@ def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):
     told = json.loads(json.dumps(unsure.to_json(), allow_nan=False))
     assert told["effects"][0]["std"] is None and unsure.material.effects[0].std is None
     assert "inclusion" not in [one["effect"] for one in told["advice"]["limits"]]
-    diagnosis_page(unsure, {}).write(tmp_path / "r.html")
+    diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")
     assert "<td>2</td><td>not told</td>" in (tmp_path / "r.html").read_text()
 
 

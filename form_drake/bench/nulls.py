@@ -2,10 +2,11 @@
 
 Data come from a grid that is finer than the twin's, and from finite elements of an independent
 code, so that what discretisation costs is in them. Noise is drawn several times on each, and the rows
-are assembled again.
+are assembled again. The scenes may be those of recordings of one's own.
 """
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,10 +22,15 @@ from form_drake.diagnose.motions import NOISE, Block, noisy
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.score import scores
 from form_drake.diagnose.search import matched
+from form_drake.diagnose.thresholds import noises
+from form_drake.diagnose.verify import tracking_noise
 from form_drake.effects import CATALOGUE
 from form_drake.files import read_mapping
+from form_drake.identify.stated import weak_known
 from form_drake.laws import LAWS
+from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
+from form_drake.weak.force import measured
 
 FINER = 1.5  # times as many cells along every axis as the twin's
 MATERIALS = ((20e3, 0.33), (45e3, 0.38), (80e3, 0.42), (120e3, 0.30))  # E [Pa], nu
@@ -59,19 +65,84 @@ def _truth(E: float, nu: float) -> dict[str, float]:
 
 
 def _case(made: Sequence[Recording], truth: dict[str, float], draws: int) -> dict[str, Any]:
+    return _scored(lambda rng: [noisy(r, rng) for r in made], Model(LAW, truth), None, {}, draws)
+
+
+def _scored(
+    drawn: Callable[[np.random.Generator], Sequence[Recording]],
+    truth: Model,
+    dx: float | None,
+    known: Mapping[str, float],
+    draws: int,
+) -> dict[str, Any]:
+    """Largest scores over draws of noise, each fitted from what the one before has found."""
     largest: dict[str, float] = {}
     start, errors = None, []
     for seed in range(draws):
-        rng = np.random.default_rng(seed)
-        scenes = Scenes.of(tuple(noisy(r, rng) for r in made))
-        problem, found = read(scenes, LAW, {})
-        match = matched(Match.of(problem, scenes, start or found))
+        scenes = Scenes.of(tuple(drawn(np.random.default_rng(seed))), dx)
+        problem, found = read(scenes, truth.law, known)
+        first = replace(found, causes=truth.causes)
+        match = matched(Match.of(problem, scenes, start or first))
         start = match.model
-        errors.append([start.values[k] / truth[k] - 1.0 for k in truth])
+        errors.append([start.values[k] / v - 1.0 for k, v in truth.values.items() if v])
         for score in scores(match, CATALOGUE.values()):
             name = score.effect.id
             largest[name] = max(largest.get(name, 0.0), score.score)
     return {"scores": largest, "errors": errors, "draws": draws}
+
+
+def run_like(
+    recordings: Sequence[Recording],
+    model: Model,
+    *,
+    dx: float | None,
+    draws: int,
+    store: Path,
+    only: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """The bench on scenes of one's own, kept by recordings, model and grid.
+
+    Args:
+        recordings: of one specimen, whose noise is drawn again: that of tracks and forces, not what lasts.
+        model: of the specimen; its effects are known ones.
+        dx: grid spacing of the twin [m]; None: chosen, see ``Scenes``.
+        draws: of noise.
+        store: folder for what is finished.
+        only: parts of names, see ``run_cases``.
+    """
+    seen = tuple(sighted(r) for r in recordings)
+    scenes = Scenes.of(seen, dx)
+
+    def own() -> dict[str, Any]:
+        made = scenes.times(1.0 / FINER).rolled(model)
+        pairs = list(zip(made, scenes.recordings, strict=True))
+        known = weak_known(list(recordings), model.law, {})
+        known |= {k: model.values[k] for k in model.law.constants("given")}
+        return _scored(lambda rng: [_drawn(*p, rng) for p in pairs], model, dx, known, draws)
+
+    causes = [(c.effect.id, c.coefficient, c.shape) for c in model.causes]
+    digest = hashlib.sha256(repr((model.law.name, model.values, causes, scenes.dx)).encode())
+    for recording in seen:
+        digest.update(recording.p_WQ.tobytes())
+    name = f"null/like/{digest.hexdigest()[:12]}/draws{draws}"
+    estimates = {name: 240.0 + 100.0 * draws}
+    results = run_cases(
+        {name: own}, store=store, mark=fingerprint(), estimates=estimates, only=only
+    )
+    kept = {"law": model.law.name, "noise": noises(seen), "dx": scenes.dx, "draws": draws}
+    return {"cases": results, "scores": results[name]["scores"], **kept}
+
+
+def _drawn(made: Recording, seen: Recording, rng: np.random.Generator) -> Recording:
+    """A simulated recording with the noise and the gaps of a measured one."""
+    noise, forces = tracking_noise(seen), {}
+    for tool, force in measured(seen, 0.0, float(np.ptp(seen.time))).items():
+        stream = made.forces[tool]
+        value = stream.value + force.noise * rng.standard_normal(stream.value.shape)
+        forces[tool] = replace(stream, value=value, noise=force.noise)
+    p_WQ = made.p_WQ + noise * rng.standard_normal(made.p_WQ.shape)
+    p_WQ[~np.isfinite(seen.p_WQ)] = np.nan
+    return replace(made, p_WQ=p_WQ, noise=noise, forces=forces)
 
 
 def run_nulls(*, draws: int, store: Path, only: tuple[str, ...] = ()) -> dict[str, Any]:

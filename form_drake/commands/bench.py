@@ -27,7 +27,9 @@ from form_drake.bench import (
     weak_form,
 )
 from form_drake.bench.curves import recordings
+from form_drake.commands.diagnose import Diagnose
 from form_drake.commands.output import device, emit, say
+from form_drake.effects import CATALOGUE
 from form_drake.files import target, write_json
 from form_drake.records import Recording, write_recording
 
@@ -112,12 +114,37 @@ class Nulls(Cases):
 
     draws: int = nulls.DRAWS
     """Draws of noise on every specimen."""
+    like: tuple[Path, ...] = ()
+    """Recordings whose scenes take the place of the specimens, for diagnose --nulls."""
+    material: Path | None = None
+    """Of the specimen of these, as a diagnosis has found it (YAML)."""
+    dx: float | None = None
+    """Grid spacing of the twin of these [m]; default: as in diagnose."""
 
     def run(self) -> None:
         """Run the bench."""
         if self.draws < 1:
             raise ValueError(f"--draws {self.draws}: at least one is wanted")
-        self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
+        if self.like or self.material or self.dx is not None:
+            self.finish("nulls", self._like(), nulls.table)
+        else:
+            self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
+
+    def _like(self) -> Callable[..., dict[str, Any]]:
+        """The bench on recordings of one's own.
+
+        Raises:
+            ValueError: they, or the material, are not given or cannot be read.
+        """
+        if not self.like or self.material is None:
+            raise ValueError(
+                "--like RECORDING... and --material MATERIAL.yaml are wanted together: scenes, and what is"
+                " simulated in them"
+            )
+        diagnose = Diagnose(recording=self.like, material=self.material, dx=self.dx)
+        read, _, model = diagnose.opened(CATALOGUE)
+        assert model is not None  # of the material
+        return partial(nulls.run_like, read, model, dx=self.dx, draws=self.draws)
 
 
 @dataclass(frozen=True, kw_only=True)

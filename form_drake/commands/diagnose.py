@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from form_drake.commands.output import device, emit, say
-from form_drake.diagnose import Model, diagnosed, thresholds
+from form_drake.diagnose import Model, Nulls, Scenes, diagnosed
 from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import Effect, catalogue
@@ -41,6 +41,9 @@ class Diagnose:
     """Seed: verify two wrong effects too, the runner-up and one drawn by lot, each fitted."""
     effects: Path | None = None
     """Python file with effects of your own; it is executed."""
+    nulls: Path | None = None
+    """Scores where nothing is missing in such recordings, as bench nulls --like writes them (JSON);
+    default: those that come with the package."""
     dx: float | None = None
     """Grid spacing of the simulated twin [m]; default: an eighth of the least edge."""
     force: str = "sensor"
@@ -56,36 +59,22 @@ class Diagnose:
         """Diagnose, write report, discrepancy.json and material.yaml, print the verdict."""
         out = target_folder(self.out or Path("runs/diagnose"))
         device(self.device)
-        if self.dx is not None and not 0.0 < self.dx < np.inf:
-            raise ValueError(f"--dx {self.dx:g}: a positive number of metres is wanted")
         if self.placebo is not None and (self.placebo < 0 or not self.holdout):
             raise ValueError(
                 f"--placebo {self.placebo}: a seed of zero or more is wanted, and --holdout"
                 " recordings on which to verify"
             )
-        if not self.recording:
-            raise ValueError("no recording is given: the PATH of one or more .h5 files")
-        if self.material is not None and self.law is not None:
-            raise ValueError(
-                f"--law {self.law}: {self.material} has a law; leave out --law or --material"
-            )
         effects = catalogue(self.effects)
-        recordings, holdout = (
-            [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
-        )
-        paths = (*self.recording, *self.holdout)
-        pairs = list(zip(paths, (*recordings, *holdout), strict=True))
-        _check(pairs)
-        start = self._start(effects, recordings[0])
-        of_one_material((*recordings, *holdout), start.law.name if start else self.law)
-        _check_stated(pairs, len(recordings), self.dx)
+        recordings, holdout, start = self.opened(effects)
         law = start.law if start else law_named(self._law(recordings[0]))
-        limits = thresholds()
+        nulls = Nulls.read(self.nulls) if self.nulls else Nulls.common()
+        with _about(self.nulls):
+            nulls.require_like(Scenes.of(tuple(recordings), self.dx), law.name)
         found = diagnosed(
             recordings,
             law,
             effects=list(effects.values()),
-            thresholds=limits,
+            thresholds=nulls.thresholds,
             start=start,
             holdout=holdout,
             placebo=self.placebo,
@@ -95,9 +84,36 @@ class Diagnose:
         )
         command = self._again(out)
         with whole_folder(out) as folder:
-            told = write_diagnosis(found, limits, folder, command=command)
+            told = write_diagnosis(found, nulls, folder, command=command)
         emit(str(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
+
+    def opened(
+        self, effects: Mapping[str, Effect]
+    ) -> tuple[list[Recording], list[Recording], Model | None]:
+        """Recordings to read and to hold back, and what to begin with.
+
+        Raises:
+            ValueError: there are none, they are of several specimens, or state too little.
+        """
+        if self.dx is not None and not 0.0 < self.dx < np.inf:
+            raise ValueError(f"--dx {self.dx:g}: a positive number of metres is wanted")
+        if not self.recording:
+            raise ValueError("no recording is given: the PATH of one or more .h5 files")
+        if self.material is not None and self.law is not None:
+            raise ValueError(
+                f"--law {self.law}: {self.material} has a law; leave out --law or --material"
+            )
+        recordings, holdout = (
+            [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
+        )
+        paths = (*self.recording, *self.holdout)
+        pairs = list(zip(paths, (*recordings, *holdout), strict=True))
+        _check(pairs)
+        start = self._start(effects, recordings[0])
+        of_one_material((*recordings, *holdout), start.law.name if start else self.law)
+        _check_stated(pairs, len(recordings), self.dx)
+        return recordings, holdout, start
 
     def _start(self, effects: Mapping[str, Effect], recording: Recording) -> Model | None:
         """The material to begin with; None: there is none.
@@ -121,7 +137,7 @@ class Diagnose:
     def _again(self, out: Path) -> str:
         """The command that diagnoses again with a further recording."""
         words = ["form-drake", "diagnose", *map(str, self.recording), "NEXT.h5"]
-        for name in ("material", "law", "effects", "dx"):
+        for name in ("material", "law", "effects", "dx"):  # nulls are of these recordings alone
             value = getattr(self, name)
             words += [f"--{name}", str(value)] if value is not None else []
         words += ["--force", self.force] if self.force != "sensor" else []
@@ -145,7 +161,7 @@ class Diagnose:
 
 
 @contextmanager
-def _about(path: Path) -> Iterator[None]:
+def _about(path: Path | None) -> Iterator[None]:
     """Say of which file a mistake is."""
     try:
         yield

@@ -3,12 +3,13 @@
 from form_drake.diagnose.diagnosis import Diagnosis, diagnosed
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.reading import ProbeReading
-from form_drake.diagnose.thresholds import thresholds
+from form_drake.diagnose.thresholds import Nulls, thresholds
 
 __all__ = [
     "Cause",
     "Diagnosis",
     "Model",
+    "Nulls",
     "ProbeReading",
     "Scenes",
     "diagnosed",

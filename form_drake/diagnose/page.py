@@ -10,20 +10,15 @@ from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking,
 from form_drake.diagnose.ledger import BOOKS, Ledger
 from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import DETECTED, Score, named_from
+from form_drake.diagnose.thresholds import Nulls
 from form_drake.diagnose.verdict import LEAST
 from form_drake.diagnose.verify import Channel
 from form_drake.report import Report
 
-UNVERIFIED = (
-    "Thresholds come from eight neo-Hookean blocks on a finer grid of the same solver, pressed by bonded"
-    " and by frictionless plates, and shaken, with sixteen draws of noise of 50 um in tracks and of 1 % in"
-    " forces; other bodies, laws, motions and noises may need others."
-)
-
 
 def diagnosis_page(
     found: Diagnosis,
-    thresholds: Mapping[str, float],
+    nulls: Nulls,
     *,
     command: str = "",
     scenario: str = "",
@@ -33,12 +28,12 @@ def diagnosis_page(
 
     Args:
         found: of a diagnosis.
-        thresholds: scores by effect's id that nothing missing may reach.
+        nulls: that its thresholds come from.
         command: that diagnoses again with a further recording.
         scenario: name of the file in which the station does what should be recorded next.
         played: name of the file that plays a held-out motion.
     """
-    page = Report(found.sentence())
+    page, thresholds = Report(found.sentence()), nulls.thresholds
     for doubt in found.doubts:
         page.paragraph(doubt)
     _specimen(page, found)
@@ -51,7 +46,7 @@ def diagnosis_page(
         page.paragraph(f"It is not predicted, and verifies nothing: {found.unverified}.")
     _next(page, found, thresholds, command, scenario)
     page.heading("Not verified")
-    page.paragraph(UNVERIFIED)
+    page.paragraph(nulls.basis)
     return page
 
 
