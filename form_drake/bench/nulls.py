@@ -8,6 +8,7 @@ are assembled again. The scenes may be those of recordings of one's own.
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -38,6 +39,7 @@ PLATES = ("bonded", "frictionless")
 BLOCK = Block()
 SEEDS = (1, 2, 3)  # of the independent code
 DRAWS = 16
+TOGETHER = 4  # draws on scenes of one's own, kept when they are finished
 LAW = LAWS[BLOCK.law]
 
 
@@ -65,7 +67,8 @@ def _truth(E: float, nu: float) -> dict[str, float]:
 
 
 def _case(made: Sequence[Recording], truth: dict[str, float], draws: int) -> dict[str, Any]:
-    return _scored(lambda rng: [noisy(r, rng) for r in made], Model(LAW, truth), None, {}, draws)
+    model, seeds = Model(LAW, truth), range(draws)
+    return _scored(lambda rng: [noisy(r, rng) for r in made], model, None, {}, seeds)
 
 
 def _scored(
@@ -73,12 +76,12 @@ def _scored(
     truth: Model,
     dx: float | None,
     known: Mapping[str, float],
-    draws: int,
+    seeds: Sequence[int],
 ) -> dict[str, Any]:
     """Largest scores over draws of noise, each fitted from what the one before has found."""
     largest: dict[str, float] = {}
     start, errors = None, []
-    for seed in range(draws):
+    for seed in seeds:
         scenes = Scenes.of(tuple(drawn(np.random.default_rng(seed))), dx)
         problem, found = read(scenes, truth.law, known)
         first = replace(found, causes=truth.causes)
@@ -88,7 +91,7 @@ def _scored(
         for score in scores(match, CATALOGUE.values()):
             name = score.effect.id
             largest[name] = max(largest.get(name, 0.0), score.score)
-    return {"scores": largest, "errors": errors, "draws": draws}
+    return {"scores": largest, "errors": errors, "draws": len(seeds)}
 
 
 def run_like(
@@ -112,25 +115,37 @@ def run_like(
     """
     seen = tuple(sighted(r) for r in recordings)
     scenes = Scenes.of(seen, dx)
+    known = weak_known(list(recordings), model.law, {})
+    known |= {k: model.values[k] for k in model.law.constants("given")}
 
-    def own() -> dict[str, Any]:
-        made = scenes.times(1.0 / FINER).rolled(model)
-        pairs = list(zip(made, scenes.recordings, strict=True))
-        known = weak_known(list(recordings), model.law, {})
-        known |= {k: model.values[k] for k in model.law.constants("given")}
-        return _scored(lambda rng: [_drawn(*p, rng) for p in pairs], model, dx, known, draws)
+    @cache
+    def made() -> list[Recording]:
+        return scenes.times(1.0 / FINER).rolled(model)
 
+    def own(seeds: Sequence[int]) -> dict[str, Any]:
+        pairs = list(zip(made(), scenes.recordings, strict=True))
+        return _scored(lambda rng: [_drawn(*p, rng) for p in pairs], model, dx, known, seeds)
+
+    name = f"null/like/{_digest(scenes, model)}"
+    parts = (range(n, min(n + TOGETHER, draws)) for n in range(0, draws, TOGETHER))
+    cases = {f"{name}/draws{part[0]}-{part[-1]}": partial(own, part) for part in parts}
+    estimates = dict.fromkeys(cases, 60.0 + 100.0 * TOGETHER)
+    results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
+    kept = {"law": model.law.name, "noise": noises(seen), "dx": scenes.dx}
+    count = sum(r["draws"] for r in results.values())
+    return {"cases": results, "scores": _largest(results), **kept, "draws": count}
+
+
+def _digest(scenes: Scenes, model: Model) -> str:
+    """Of recordings, model and grid."""
     causes = [(c.effect.id, c.coefficient, c.shape) for c in model.causes]
-    digest = hashlib.sha256(repr((model.law.name, model.values, causes, scenes.dx)).encode())
-    for recording in seen:
-        digest.update(recording.p_WQ.tobytes())
-    name = f"null/like/{digest.hexdigest()[:12]}/draws{draws}"
-    estimates = {name: 240.0 + 100.0 * draws}
-    results = run_cases(
-        {name: own}, store=store, mark=fingerprint(), estimates=estimates, only=only
-    )
-    kept = {"law": model.law.name, "noise": noises(seen), "dx": scenes.dx, "draws": draws}
-    return {"cases": results, "scores": results[name]["scores"], **kept}
+    told = (model.law.name, model.values, causes, scenes.dx, noises(scenes.recordings))
+    found = hashlib.sha256(repr(told).encode())
+    for recording in scenes.recordings:
+        found.update(recording.p_WQ.tobytes())
+        for stream in recording.forces.values():
+            found.update(stream.value.tobytes())
+    return found.hexdigest()[:12]
 
 
 def _drawn(made: Recording, seen: Recording, rng: np.random.Generator) -> Recording:
@@ -160,16 +175,19 @@ def run_nulls(*, draws: int, store: Path, only: tuple[str, ...] = ()) -> dict[st
     }
     estimates = {name: 240.0 + 100.0 * draws for name in cases}
     results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
-    names = {name for r in results.values() for name in r["scores"]}
-    largest = {
-        name: max(r["scores"].get(name, 0.0) for r in results.values()) for name in sorted(names)
-    }
-    return {"cases": results, "scores": largest, "noise": NOISE, "draws": draws}
+    return {"cases": results, "scores": _largest(results), "noise": NOISE, "draws": draws}
+
+
+def _largest(results: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Scores by effect's id."""
+    names = sorted({name for r in results.values() for name in r["scores"]})
+    return {n: max(r["scores"].get(n, 0.0) for r in results.values()) for n in names}
 
 
 def table(result: Mapping[str, Any]) -> str:
     """As printed."""
-    lines = [f"{len(result['cases'])} specimens, {result['draws']} draws each", ""]
+    draws = sum(r["draws"] for r in result["cases"].values())
+    lines = [f"{len(result['cases'])} cases, {draws} draws of noise", ""]
     lines += [f"{name:18} {score:8.1f}" for name, score in result["scores"].items()]
     worst = max(abs(e) for r in result["cases"].values() for pair in r["errors"] for e in pair)
     return "\n".join([*lines, "", f"largest error of a modulus {100.0 * worst:.1f} %"])
