@@ -197,6 +197,12 @@ def test_a_twin_on_another_grid_has_the_same_gap():
     assert match.on(match.scenes.coarser) is match and match.on(1.5).grid is None
     known = match.anchored()
     other = known.on(1.5)
+    ways = [
+        [p.fit.c + b for p, b in zip(m.twin.probes, m.bent, strict=True)] for m in (known, other)
+    ]
+    assert all(np.allclose(a, b, rtol=0.0, atol=1e-12) for a, b in zip(*ways, strict=True))
+    (fine,) = twin_of(known.problem, known.scenes, known.model).probes
+    assert np.allclose(ways[0][0], fine.fit.c, rtol=0.0, atol=1e-12)
     assert other.scenes.coarser == 1.5 and other.gap == pytest.approx(known.gap, abs=0.05)
     assert np.linalg.norm(other.grid) < 0.7 * np.linalg.norm(known.grid)
 

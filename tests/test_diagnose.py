@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
+from form_drake.bench.nulls import _again, _digest
 from form_drake.diagnose import Cause, Model, Nulls, Scenes, prepare, verify
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.columns import twin_of
@@ -23,6 +24,7 @@ from form_drake.diagnose.match import Match
 from form_drake.diagnose.score import coherence, named_from, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
+from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnose.verdict import WRONG, Found, Naming, shed
 from form_drake.diagnose.verify import Channel, Check, Predicted, there
 from form_drake.effects import CATALOGUE
@@ -277,12 +279,13 @@ def test_what_only_held_out_motion_shows_is_a_doubt(files, capsys):
     found, out = diagnosed(files, capsys, "plain", "--holdout", str(files / "late1.h5"))
     assert found["verdict"] == "none" and found["effects"] == []
     (doubt,) = found["doubts"]
-    assert "off by more than noise and grid: force of plate 1, balance." in doubt
+    assert "off by more than noise, grid and moduli explain" in doubt
     assert doubt in (out / "report.html").read_text()
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
-    own = {"law": LAW.name, "noise": [NOISE], "dx": [DX], "draws": 3, "scores": {"drag": 2.0}}
+    scenes = Scenes.of((read(files / "late0.h5"),), DX)
+    own = {"of": likeness(scenes, LAW), "draws": 3, "scores": {"drag": 2.0}}
     (files / "own.json").write_text(json.dumps(own))
     unseen = ["--holdout", str(files / "late1.h5"), "--placebo", "3"]
     found, out = diagnosed(files, capsys, "late", *unseen, "--nulls", str(files / "own.json"))
@@ -350,17 +353,53 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
 
     own, scenes = Nulls.read(out), Scenes.of((read(files / "plain0.h5"),), DX)
     assert own.thresholds["drag"] == 1.5 * told["scores"]["drag"]
-    own.require_like(scenes, LAW.name)
-    (seen,) = scenes.recordings
-    for other, law in (
-        (scenes, "yeoh"),
-        (scenes.times(2.0), LAW.name),
-        (replace(scenes, recordings=(replace(seen, noise=2.0 * NOISE),)), LAW.name),
-        (replace(scenes, recordings=2 * scenes.recordings, dx=(DX, DX)), LAW.name),
+    (seen,), drag = scenes.recordings, Cause(CATALOGUE["drag"], 2.0, {})
+    own.require_like(likeness(replace(scenes, recordings=(replace(seen, noise=1.2 * NOISE),)), LAW))
+    felt = {k: replace(s, noise=2.0 * s.noise) for k, s in seen.forces.items()}
+    twice = replace(scenes, recordings=2 * scenes.recordings, dx=(DX, DX))
+    for other, told in (
+        (likeness(scenes, LAWS["yeoh"]), "law fixed-corotated, these recordings have yeoh"),
+        (likeness(scenes, LAW, [drag]), "known effects none, these recordings have drag"),
+        (likeness(scenes.times(2.0), LAW), "grid spacing .m. 0.004, these recordings have 0.008"),
+        (_with(scenes, noise=2.0 * NOISE), "noise of tracks .m. 5e-06, .* have 1e-05"),
+        (_with(scenes, forces=felt), "noise of forces"),
+        (likeness(twice, LAW), "noise of tracks .m. 5e-06, .* have 5e-06, 5e-06"),
     ):
-        with pytest.raises(ValueError, match="nulls are of"):
-            own.require_like(other, law)
-        Nulls.common().require_like(other, law)
+        with pytest.raises(ValueError, match=told):
+            own.require_like(other)
+        Nulls.common().require_like(other)
+
+
+def _with(scenes, **change):
+    (seen,) = scenes.recordings
+    return likeness(replace(scenes, recordings=(replace(seen, **change),)), LAW)
+
+
+def test_draws_have_the_noise_and_the_gaps_of_what_was_measured():
+    seen = noisy(PROBE, 0)
+    there = np.random.default_rng(1).uniform(size=seen.p_WQ.shape[:2]) > 0.1
+    seen = replace(seen, p_WQ=np.where(there[..., None], seen.p_WQ, np.nan), valid=there)
+    (one,) = _again([(PROBE, seen)], np.random.default_rng(2))
+    assert np.array_equal(one.valid, there) and one.noise == NOISE
+    assert np.std((one.p_WQ - PROBE.p_WQ)[there]) == pytest.approx(NOISE, rel=0.05)
+    force = seen.forces["plate"].noise
+    assert np.std(one.forces["plate"].value) == pytest.approx(force, rel=0.2)
+
+
+def test_finished_draws_are_those_of_these_recordings_alone():
+    data, model = noisy(PROBE, 0), Model(LAW, TRUTH)
+    known = _digest([data], model, (DX,))
+    assert known == _digest([noisy(PROBE, 0)], Model(LAW, dict(TRUTH)), (DX,))
+    others = [
+        replace(data, gravity=np.zeros(3)),
+        replace(data, density=500.0),
+        replace(data, contact={**data.contact, "z+": "frictionless plate"}),
+        replace(data, forces={"plate": replace(data.forces["plate"], noise=1.0)}),
+        replace(data, poses={"plate": replace(data.poses["plate"], time=data.time + 1e-3)}),
+    ]
+    digests = {_digest([other], model, (DX,)) for other in others}
+    digests |= {_digest([data], Model(LAW, TRUTH, (Cause(CATALOGUE["drag"], 2.0, {}),)), (DX,))}
+    assert len(digests) == len(others) + 1 and known not in digests
 
 
 @pytest.mark.parametrize(
@@ -370,8 +409,10 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
             ["plain0.h5", "--nulls", "heavy.yaml"],
             "heavy.yaml: no nulls of recordings; form-drake bench",
         ),
-        (["plain0.h5", "--nulls", "below.json"], "below.json: numbers that are finite"),
-        (["plain0.h5", "--nulls", "louder.json"], "nulls are of 1 mm (noise of each recording)"),
+        (["plain0.h5", "--nulls", "below.json"], "below.json: no nulls of recordings"),
+        (["plain0.h5", "--nulls", "huge.json"], "huge.json: no nulls of recordings"),
+        (["plain0.h5", "--nulls", "words.json"], "words.json: no nulls of recordings"),
+        (["plain0.h5", "--nulls", "louder.json"], "louder.json: nulls are of noise of tracks"),
         (["plain0.h5", "--holdout", "plain0.h5"], "the same motion as"),
         (["none.h5"], "no such file"),
         (["silent.h5"], "no recording holds a force"),
@@ -386,9 +427,15 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
 def test_what_cannot_be_diagnosed_is_one_line(files, capsys, monkeypatch, arguments, told):
     monkeypatch.chdir(files)
     (files / "empty.py").write_text("a = 1\n")
-    nulls = {"law": LAW.name, "noise": [NOISE], "dx": [DX], "draws": 1, "scores": {"drag": 1.0}}
-    for name, other in (("below", {"scores": {"drag": -1.0}}), ("louder", {"noise": [1e-3]})):
-        (files / f"{name}.json").write_text(json.dumps(nulls | other))
+    of = likeness(Scenes.of((read(files / "plain0.h5"),), DX), LAW)
+    for name, score, other in (
+        ("below", -1.0, {}),
+        ("huge", 10**400, {}),
+        ("words", 1.0, {"noise": "12"}),
+        ("louder", 1.0, {"noise": [1e-3]}),
+    ):
+        own = {"of": of | other, "draws": 1, "scores": {"drag": score}}
+        (files / f"{name}.json").write_text(json.dumps(own))
     Model(LAW, TRUTH).material(1300.0).write(files / "heavy.yaml")
     silent = replace(probe(0.4, 0.0, 0.0), forces={}, noise=2e-5)
     write_recording(silent, files / "silent.h5")

@@ -7,7 +7,7 @@ are assembled again. The scenes may be those of recordings of one's own.
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,19 +17,19 @@ import numpy as np
 
 from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.bench.oracles import recorded, run
+from form_drake.diagnose.diagnosis import given
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.motions import NOISE, Block, noisy
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.score import scores
 from form_drake.diagnose.search import matched
-from form_drake.diagnose.thresholds import noises
+from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnose.verify import tracking_noise
-from form_drake.effects import CATALOGUE
+from form_drake.effects import CATALOGUE, Effect
 from form_drake.files import read_mapping
-from form_drake.identify.stated import weak_known
-from form_drake.laws import LAWS
-from form_drake.motion.tracks import sighted
+from form_drake.laws import LAWS, Law
+from form_drake.motion.tracks import sighted, valid_points
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
@@ -68,12 +68,14 @@ def _truth(E: float, nu: float) -> dict[str, float]:
 
 def _case(made: Sequence[Recording], truth: dict[str, float], draws: int) -> dict[str, Any]:
     model, seeds = Model(LAW, truth), range(draws)
-    return _scored(lambda rng: [noisy(r, rng) for r in made], model, None, {}, seeds)
+    every = list(CATALOGUE.values())
+    return _scored(lambda rng: [noisy(r, rng) for r in made], model, every, None, {}, seeds)
 
 
 def _scored(
     drawn: Callable[[np.random.Generator], Sequence[Recording]],
     truth: Model,
+    effects: Sequence[Effect],
     dx: float | None,
     known: Mapping[str, float],
     seeds: Sequence[int],
@@ -88,7 +90,7 @@ def _scored(
         match = matched(Match.of(problem, scenes, start or first))
         start = match.model
         errors.append([start.values[k] / v - 1.0 for k, v in truth.values.items() if v])
-        for score in scores(match, CATALOGUE.values()):
+        for score in scores(match, effects):
             name = score.effect.id
             largest[name] = max(largest.get(name, 0.0), score.score)
     return {"scores": largest, "errors": errors, "draws": len(seeds)}
@@ -98,6 +100,7 @@ def run_like(
     recordings: Sequence[Recording],
     model: Model,
     *,
+    effects: Sequence[Effect],
     dx: float | None,
     draws: int,
     store: Path,
@@ -108,15 +111,17 @@ def run_like(
     Args:
         recordings: of one specimen, whose noise is drawn again: that of tracks and forces, not what lasts.
         model: of the specimen; its effects are known ones.
+        effects: a catalogue.
         dx: grid spacing of the twin [m]; None: chosen, see ``Scenes``.
         draws: of noise.
         store: folder for what is finished.
         only: parts of names, see ``run_cases``.
+
+    Raises:
+        ValueError: no recording holds a force, or the model has other values than they declare.
     """
-    seen = tuple(sighted(r) for r in recordings)
-    scenes = Scenes.of(seen, dx)
-    known = weak_known(list(recordings), model.law, {})
-    known |= {k: model.values[k] for k in model.law.constants("given")}
+    scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx)
+    known = given(list(recordings), model.law, model)
 
     @cache
     def made() -> list[Recording]:
@@ -124,40 +129,56 @@ def run_like(
 
     def own(seeds: Sequence[int]) -> dict[str, Any]:
         pairs = list(zip(made(), scenes.recordings, strict=True))
-        return _scored(lambda rng: [_drawn(*p, rng) for p in pairs], model, dx, known, seeds)
+        drawn = partial(_again, pairs)
+        return _scored(drawn, model, effects, dx, known, seeds)
 
-    name = f"null/like/{_digest(scenes, model)}"
+    name = f"null/like/{_digest(scenes.recordings, model, scenes.dx)}"
     parts = (range(n, min(n + TOGETHER, draws)) for n in range(0, draws, TOGETHER))
     cases = {f"{name}/draws{part[0]}-{part[-1]}": partial(own, part) for part in parts}
     estimates = dict.fromkeys(cases, 60.0 + 100.0 * TOGETHER)
     results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
-    kept = {"law": model.law.name, "noise": noises(seen), "dx": scenes.dx}
     count = sum(r["draws"] for r in results.values())
-    return {"cases": results, "scores": _largest(results), **kept, "draws": count}
+    of = likeness(scenes, model.law, model.causes)
+    return {"cases": results, "scores": _largest(results), "draws": count, "of": of}
 
 
-def _digest(scenes: Scenes, model: Model) -> str:
-    """Of recordings, model and grid."""
-    causes = [(c.effect.id, c.coefficient, c.shape) for c in model.causes]
-    told = (model.law.name, model.values, causes, scenes.dx, noises(scenes.recordings))
-    found = hashlib.sha256(repr(told).encode())
-    for recording in scenes.recordings:
-        found.update(recording.p_WQ.tobytes())
-        for stream in recording.forces.values():
-            found.update(stream.value.tobytes())
+def _digest(*told: Any) -> str:
+    """Of all that is in recordings and beside them, arrays, mappings and objects of data."""
+    found = hashlib.sha256()
+    left = [*told]
+    while left:
+        one = left.pop()
+        if isinstance(one, np.ndarray):
+            found.update(f"{one.dtype} {one.shape}".encode() + one.tobytes())
+        elif isinstance(one, Effect | Law):
+            found.update(str(getattr(one, "id", getattr(one, "name", ""))).encode())
+        elif is_dataclass(one):
+            left += [(f.name, getattr(one, f.name)) for f in fields(one)]
+        elif isinstance(one, Mapping):
+            left += sorted(one.items())
+        elif isinstance(one, list | tuple):
+            found.update(f"{len(one)}".encode())
+            left += one
+        else:
+            found.update(f"{one!r} ".encode())
     return found.hexdigest()[:12]
 
 
-def _drawn(made: Recording, seen: Recording, rng: np.random.Generator) -> Recording:
-    """A simulated recording with the noise and the gaps of a measured one."""
-    noise, forces = tracking_noise(seen), {}
-    for tool, force in measured(seen, 0.0, float(np.ptp(seen.time))).items():
-        stream = made.forces[tool]
-        value = stream.value + force.noise * rng.standard_normal(stream.value.shape)
-        forces[tool] = replace(stream, value=value, noise=force.noise)
-    p_WQ = made.p_WQ + noise * rng.standard_normal(made.p_WQ.shape)
-    p_WQ[~np.isfinite(seen.p_WQ)] = np.nan
-    return replace(made, p_WQ=p_WQ, noise=noise, forces=forces)
+def _again(
+    pairs: Sequence[tuple[Recording, Recording]], rng: np.random.Generator
+) -> list[Recording]:
+    """Simulated recordings with the noise and the gaps of measured ones."""
+    found = []
+    for made, seen in pairs:
+        forces, there = {}, valid_points(seen)
+        for tool, force in measured(seen, 0.0, float(np.ptp(seen.time))).items():
+            stream = made.forces[tool]
+            value = stream.value + force.noise * rng.standard_normal(stream.value.shape)
+            forces[tool] = replace(stream, value=value, noise=seen.forces[tool].noise)
+        p_WQ = made.p_WQ + tracking_noise(seen) * rng.standard_normal(made.p_WQ.shape)
+        p_WQ[~there] = np.nan
+        found.append(replace(made, p_WQ=p_WQ, valid=there, noise=seen.noise, forces=forces))
+    return found
 
 
 def run_nulls(*, draws: int, store: Path, only: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -190,4 +211,4 @@ def table(result: Mapping[str, Any]) -> str:
     lines = [f"{len(result['cases'])} cases, {draws} draws of noise", ""]
     lines += [f"{name:18} {score:8.1f}" for name, score in result["scores"].items()]
     worst = max(abs(e) for r in result["cases"].values() for pair in r["errors"] for e in pair)
-    return "\n".join([*lines, "", f"largest error of a modulus {100.0 * worst:.1f} %"])
+    return "\n".join([*lines, "", f"largest error of a parameter {100.0 * worst:.1f} %"])

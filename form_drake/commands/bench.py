@@ -3,7 +3,7 @@
 import os
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -29,7 +29,7 @@ from form_drake.bench import (
 from form_drake.bench.curves import recordings
 from form_drake.commands.diagnose import Diagnose
 from form_drake.commands.output import device, emit, say
-from form_drake.effects import CATALOGUE
+from form_drake.effects import catalogue
 from form_drake.files import target, write_json
 from form_drake.records import Recording, write_recording
 
@@ -120,12 +120,16 @@ class Nulls(Cases):
     """Of the specimen of these, as a diagnosis has found it (YAML)."""
     dx: float | None = None
     """Grid spacing of the twin of these [m]; default: as in diagnose."""
+    force: str = "sensor"
+    """Source of their force, as in diagnose."""
+    effects: Path | None = None
+    """Python file with effects of your own to score too; it is executed."""
 
     def run(self) -> None:
         """Run the bench."""
         if self.draws < 1:
             raise ValueError(f"--draws {self.draws}: at least one is wanted")
-        if self.like or self.material or self.dx is not None:
+        if self != replace(Nulls(), out=self.out, only=self.only, json=self.json, draws=self.draws):
             self.finish("nulls", self._like(), nulls.table)
         else:
             self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
@@ -141,10 +145,13 @@ class Nulls(Cases):
                 "--like RECORDING... and --material MATERIAL.yaml are wanted together: scenes, and what is"
                 " simulated in them"
             )
-        diagnose = Diagnose(recording=self.like, material=self.material, dx=self.dx)
-        read, _, model = diagnose.opened(CATALOGUE)
+        like = Diagnose(self.like, self.material, dx=self.dx, force=self.force)
+        every = catalogue(self.effects)
+        read, _, model = like.opened(every)
         assert model is not None  # of the material
-        return partial(nulls.run_like, read, model, dx=self.dx, draws=self.draws)
+        return partial(
+            nulls.run_like, read, model, effects=list(every.values()), dx=self.dx, draws=self.draws
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

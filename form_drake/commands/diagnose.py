@@ -11,6 +11,7 @@ import tyro
 
 from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, Nulls, Scenes, diagnosed
+from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import Effect, catalogue
@@ -20,6 +21,7 @@ from form_drake.identify.stated import of_one_material
 from form_drake.laws import law_named
 from form_drake.material import read_material
 from form_drake.motion import body
+from form_drake.motion.tracks import sighted
 from form_drake.records import Recording, read
 
 
@@ -35,7 +37,7 @@ class Diagnose:
     law: str | None = None
     """Law where no material is given; default: the declared one."""
     holdout: tuple[Path, ...] = ()
-    """Recordings of the same specimen on which what is found is verified, and which nothing else
+    """Recordings of the same specimen, which are predicted with what is found, and which nothing else
     reads."""
     placebo: int | None = None
     """Seed: verify two wrong effects too, the runner-up and one drawn by lot, each fitted."""
@@ -68,8 +70,9 @@ class Diagnose:
         recordings, holdout, start = self.opened(effects)
         law = start.law if start else law_named(self._law(recordings[0]))
         nulls = Nulls.read(self.nulls) if self.nulls else Nulls.common()
+        scenes = Scenes.of(tuple(sighted(r) for r in recordings), self.dx)
         with _about(self.nulls):
-            nulls.require_like(Scenes.of(tuple(recordings), self.dx), law.name)
+            nulls.require_like(likeness(scenes, law, start.causes if start else ()))
         found = diagnosed(
             recordings,
             law,

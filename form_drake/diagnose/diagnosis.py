@@ -1,6 +1,6 @@
 """The whole of a diagnosis: read, name, add, verify."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
 from form_drake.effects import Effect
 from form_drake.identify.stated import of_one_material, weak_known
-from form_drake.laws import Law, Values
+from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.motion.lasting import intervals
 from form_drake.motion.tracks import sighted
@@ -26,6 +26,10 @@ from form_drake.workers import single
 
 OTHER = 1.5  # times a shear modulus, by which a specimen is another
 AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
+UNSEEN = (
+    "Held-out motion is off by more than noise, grid and moduli explain: something is missing there that the"
+    " other recordings do not name. Read it too, and hold another back."
+)
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Diagnosis:
         after: the same, predicted with what was added; the same as before where nothing was.
         placebos: wrong effects beside those that were added, if they were asked for.
         unverified: why held-out motions could not be predicted; "": they were, or there are none.
-        doubts: what the recordings leave open whatever was found, in sentences.
+        doubts: what stays open beside the verdict, in sentences.
     """
 
     naming: Naming
@@ -218,17 +222,10 @@ def diagnosed(
         ValueError: recordings without force, or that do not state what is needed, those that are held
             back among them; that hold one motion twice, or declare other values than another or ``start``.
     """
-    if not any(r.forces for r in recordings):
-        raise ValueError(
-            "no recording holds a force: the scale of the moduli cannot be told; add"
-            " forces={tool: Stream(...)} to one of them"
-        )
     of_one_material((*recordings, *holdout), law.name)
     for recording in holdout:
         require_stated(recording, dx, held_back=True)
-    known = weak_known(recordings, law, {})
-    if start:
-        known |= _allowed(start, known)
+    known = given(recordings, law, start)
     scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx, device)
     progress("reading the tracks")
     problem, found = read(scenes, law, known)
@@ -246,7 +243,8 @@ def diagnosed(
         return replace(told, unverified=str(error))
     if not naming.added:
         told = replace(told, check=check, after=check.before)
-        return replace(told, doubts=(*told.doubts, *_unseen(told.channels)))
+        off = not check.bears_out(check.before)
+        return replace(told, doubts=(*told.doubts, *((UNSEEN,) if off else ())))
     try:
         told = replace(told, check=check, after=check.predicted(naming.match))
     except ValueError as error:
@@ -275,22 +273,20 @@ def _doubts(recordings: Sequence[Recording], start: Model | None, found: Model) 
     return tuple(told)
 
 
-def _unseen(channels: Sequence[Channel]) -> Iterator[str]:
-    """That something is missing in held-out motions which nothing was added for."""
-    off = [c.name for c in channels if c.counts]
-    if off:
-        yield (
-            f"Held-out motion is off by more than noise and grid: {', '.join(off)}. Something is missing there"
-            " that the other recordings do not name: read it too, and hold another back."
-        )
-
-
-def _allowed(start: Model, known: Values) -> dict[str, float]:
-    """Constants of a material that nothing finds.
+def given(recordings: Sequence[Recording], law: Law, start: Model | None) -> dict[str, float]:
+    """Constants that nothing finds, of recordings and of what is begun with.
 
     Raises:
-        ValueError: it has other values than are known.
+        ValueError: no recording holds a force, or ``start`` has other values than they declare.
     """
+    if not any(r.forces for r in recordings):
+        raise ValueError(
+            "no recording holds a force: the scale of the moduli cannot be told; add"
+            " forces={tool: Stream(...)} to one of them"
+        )
+    known = weak_known(recordings, law, {})
+    if start is None:
+        return known
     own = Material(start.law, dict(start.values)).parameters()
     for key, value in known.items():
         if not np.isclose(own[key].value, value, rtol=AGREED):
@@ -298,4 +294,4 @@ def _allowed(start: Model, known: Values) -> dict[str, float]:
                 f"the material has {key} {own[key].value:g}, the recordings declare {value:g} as known: begin"
                 " with a material that agrees"
             )
-    return {k: start.values[k] for k in start.law.constants("given")}
+    return known | {k: start.values[k] for k in start.law.constants("given")}

@@ -15,6 +15,7 @@ from form_drake.diagnose.ledger import CELLS, cell_of, nested
 from form_drake.diagnose.match import Match
 from form_drake.motion import Body, Motion
 from form_drake.weak.probe import Probe
+from form_drake.weak.windows import trapezoid
 
 DRAWS = 4  # of noise
 UNITS = {"rollout": "m", "volume": "1"}  # displacements; volumes, as shares of those free of stress
@@ -66,7 +67,6 @@ def astray(match: Match) -> tuple[Mapping[str, Astray], ...]:
 
 
 def _astray(data: Probe, twin: Probe, bent: np.ndarray | None) -> Mapping[str, Astray]:
-    """Volumes are not told where the law chooses stretches: nobody has measured them."""
     fine = twin if bent is None else replace(twin, fit=replace(twin.fit, c=twin.fit.c + bent))
     rng, (seen, rough, own) = np.random.default_rng(0), map(_told, (data, twin, fine))
     noise = dict.fromkeys(UNITS, np.zeros(()))
@@ -78,8 +78,6 @@ def _astray(data: Probe, twin: Probe, bent: np.ndarray | None) -> Mapping[str, A
     for book in UNITS:
         gap, grid = (_square(one[book] - own[book]) for one in (seen, rough))
         found[book] = _booked(data, book, gap, grid, noise[book])
-    if data.released:
-        del found["volume"]
     return found
 
 
@@ -90,7 +88,7 @@ def _square(gap: np.ndarray) -> np.ndarray:
 def _told(probe: Probe, motion: Motion | None = None) -> dict[str, np.ndarray]:
     """Of every ledger in a motion, its own unless another is given, shape [times, points, components]."""
     motion = probe.motion if motion is None else motion
-    return {"rollout": motion.x, "volume": np.linalg.det(motion.F)[..., None]}
+    return {"rollout": motion.x, "volume": motion.J[..., None]}
 
 
 def _booked(
@@ -99,7 +97,8 @@ def _booked(
     """Of squares, shape [times, points]."""
     motion, chi, left = probe.motion.at(slice(0, 1)), probe.windows.chi, gap - noise
     weight, cell = motion.volume / motion.volume.sum(), cell_of(probe.body, motion.X)
-    step = np.gradient(probe.windows.time) / np.gradient(probe.windows.time).sum()
+    step = trapezoid(probe.windows.time)
+    step /= step.sum()
     total = np.bincount(cell, weight * (step @ left), CELLS**3)
     count = np.bincount(cell, weight, CELLS**3)
     mean = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0.0)

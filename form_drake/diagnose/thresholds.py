@@ -7,16 +7,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.verify import tracking_noise
+from form_drake.effects.acting import Known
 from form_drake.files import read_mapping
-from form_drake.records import Recording
+from form_drake.laws import Law
+from form_drake.weak.force import measured
 
 FACTOR = 1.5
-LIKE = 1.5  # times, by which noise of tracks and grid spacing may differ from those of nulls
+LIKE = 1.5  # times, by which noise and grid spacing may differ from those of nulls
+MOST = 1e12  # of a number in a file
+WORDS = {  # what nulls share with the recordings that they stand for
+    "law": "law",
+    "effects": "known effects",
+    "noise": "noise of tracks [m]",
+    "force": "noise of forces [N]",
+    "dx": "grid spacing [m]",
+}
+MEASURED = ("noise", "force", "dx")
 COMMON = (
     "Thresholds come from eight neo-Hookean blocks on a finer grid of the same solver, pressed by bonded"
     " and by frictionless plates, and shaken, with sixteen draws of noise of 50 um in tracks and of 1 % in"
@@ -31,16 +43,12 @@ class Nulls:
     Attributes:
         scores: by effect's id.
         basis: what they stand on, in a sentence.
-        law: that they are of; None: they serve for any.
-        noise: of the tracks of each recording [m].
-        dx: grid spacing in each [m].
+        of: what recordings they stand for, see ``likeness``; None: for any.
     """
 
     scores: Mapping[str, float]
     basis: str = COMMON
-    law: str | None = None
-    noise: tuple[float, ...] = ()
-    dx: tuple[float, ...] = ()
+    of: Mapping[str, Any] | None = None
 
     @classmethod
     def common(cls) -> "Nulls":
@@ -57,55 +65,76 @@ class Nulls:
         """
         told = read_mapping(path)
         try:
-            scores = {str(k): float(v) for k, v in told["scores"].items()}
-            noise, dx = (tuple(map(float, told[name])) for name in ("noise", "dx"))
-            law, draws = str(told["law"]), int(told["draws"])
+            scores = {str(k): _number(v) for k, v in told["scores"].items()}
+            of = {k: [_number(v) for v in told["of"][k]] for k in MEASURED}
+            words = {"law": told["of"]["law"], "effects": told["of"]["effects"]}
+            draws = _number(told["draws"])
         except (AttributeError, KeyError, TypeError, ValueError):
             raise ValueError(
                 f"{path}: no nulls of recordings; form-drake bench nulls --like writes them"
             ) from None
-        numbers = np.array([*scores.values(), *noise, *dx])
-        if not (np.all(np.isfinite(numbers)) and np.all(numbers >= 0.0)):
-            raise ValueError(f"{path}: numbers that are finite and not negative are wanted")
         basis = (
-            f"Thresholds come from {draws} draws of noise on a simulation of such recordings on a finer grid of the"
-            " same solver: what that solver has wrong of the world is not in them."
+            f"Thresholds come from {draws:g} draws of noise on a simulation of such recordings on a finer grid of"
+            " the same solver: what that solver has wrong of the world is not in them."
         )
-        return cls(scores, basis, law, noise, dx)
+        return cls(scores, basis, of | words)
 
     @property
     def thresholds(self) -> dict[str, float]:
         """By effect's id."""
         return {name: FACTOR * float(score) for name, score in self.scores.items()}
 
-    def require_like(self, scenes: Scenes, law: str) -> None:
+    def require_like(self, of: Mapping[str, Any]) -> None:
         """Refuse recordings that nulls of one's own do not stand for.
 
         Raises:
-            ValueError: their law is another, there are more or less of them, or their noise or grid
-                differs.
+            ValueError: law or known effects are others, or noise or grid differ.
         """
-        if self.law is None:
+        if self.of is None:
             return
-        if law != self.law:
-            raise ValueError(f"nulls are of law {self.law}, the recordings of {law}")
-        kinds = {"noise": (self.noise, noises(scenes.recordings)), "grid": (self.dx, scenes.dx)}
-        for name, (known, own) in kinds.items():
-            pairs = [(max(a, 1e-300), max(b, 1e-300)) for a, b in zip(known, own, strict=False)]
-            if len(known) != len(own) or any(max(a / b, b / a) > LIKE for a, b in pairs):
+        for name, text in WORDS.items():
+            known, own = self.of[name], of[name]
+            if known == own:
+                continue
+            numbers = name in MEASURED and len(known) == len(own)
+            if not numbers or any(
+                max(a, b) > LIKE * min(a, b) for a, b in zip(known, own, strict=True)
+            ):
                 raise ValueError(
-                    f"nulls are of {_listed(known)} ({name} of each recording), these have {_listed(own)}:"
-                    " run form-drake bench nulls --like on these"
+                    f"nulls are of {text} {_listed(known)}, these recordings have {_listed(own)}: run form-drake"
+                    " bench nulls --like on these, with the material that the diagnosis begins with"
                 )
 
 
-def noises(recordings: Sequence[Recording]) -> tuple[float, ...]:
-    """Standard deviations of a coordinate in each [m]."""
-    return tuple(map(tracking_noise, recordings))
+def likeness(scenes: Scenes, law: Law, causes: Sequence[Known] = ()) -> dict[str, Any]:
+    """What nulls must share with recordings, as in their file.
+
+    Args:
+        scenes: of the recordings.
+        law: of the specimen.
+        causes: effects that are known.
+    """
+    seen = scenes.recordings
+    felt = (measured(one, 0.0, float(np.ptp(one.time))) for one in seen)
+    return {
+        "law": law.name,
+        "effects": sorted(c.effect.id for c in causes),
+        "noise": [tracking_noise(one) for one in seen],
+        "force": [own[tool].noise for own in felt for tool in sorted(own)],
+        "dx": list(scenes.dx),
+    }
 
 
-def _listed(values: Sequence[float]) -> str:
-    return ", ".join(f"{1e3 * v:.3g} mm" for v in values)
+def _number(value: Any) -> float:
+    if type(value) not in (int, float) or not 0.0 <= value < MOST:
+        raise ValueError
+    return float(value)
+
+
+def _listed(value: Any) -> str:
+    if not isinstance(value, list):
+        return str(value)
+    return ", ".join(v if isinstance(v, str) else f"{v:.3g}" for v in value) or "none"
 
 
 def thresholds() -> dict[str, float]:
