@@ -1,9 +1,8 @@
 """``form-drake bench``: every number that the documents state, one command each."""
 
 import os
-import shutil
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,11 +11,7 @@ import tyro
 from tqdm import tqdm
 
 from form_drake.bench import (
-    blind,
-    blind_score,
     deformable,
-    effects,
-    nulls,
     perception,
     positions,
     probes,
@@ -27,10 +22,10 @@ from form_drake.bench import (
     weak_form,
 )
 from form_drake.bench.curves import recordings
-from form_drake.commands.diagnose import Diagnose
-from form_drake.commands.output import device, emit, say
-from form_drake.effects import catalogue
-from form_drake.files import target, write_json
+from form_drake.commands.bench_cases import Cases
+from form_drake.commands.bench_diagnosis import Blind, Effects, Nulls
+from form_drake.commands.output import device, emit
+from form_drake.files import target
 from form_drake.records import Recording, write_recording
 
 DATA = "FORM_DRAKE_NCLAW"
@@ -48,35 +43,6 @@ def _folder(data: Path | None) -> Path:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     return folder
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cases:
-    """Many cases, each kept when it is finished, until all are there."""
-
-    out: Path | None = None
-    """JSON file to write; default: runs/bench-NAME/NAME.json, NAME that of the bench. What is finished
-    stays beside it."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose names contain one of these."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
-
-    def finish(
-        self,
-        name: str,
-        run: Callable[..., dict[str, Any]],
-        table: Callable[[dict[str, Any]], str],
-    ) -> None:
-        """Run with ``store`` and ``only``; finished cases of a part of the bench stay for the rest."""
-        out = target(self.out or Path("runs") / f"bench-{name}" / f"{name}.json")
-        store = out.with_name(out.name + ".cases")
-        result = run(store=store, only=self.only)
-        write_json(out, result)
-        if not self.only:
-            shutil.rmtree(store, ignore_errors=True)
-        emit(table(result), result, as_json=self.json)
-        say(f"written: {out}")
 
 
 def _written(made: Mapping[str, Recording], folder: Path, *, as_json: bool) -> None:
@@ -106,104 +72,6 @@ class Table2(Cases):
             self.finish("table2-weak", run, table2_weak.table)
         else:
             self.finish("table2", partial(table2.run_table2, data), table2.table)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nulls(Cases):
-    """Scores of a diagnosis where nothing is missing, on data from a finer grid than the twin's."""
-
-    draws: int = nulls.DRAWS
-    """Draws of noise on every specimen."""
-    like: tuple[Path, ...] = ()
-    """Recordings whose scenes take the place of the specimens, for diagnose --nulls."""
-    material: Path | None = None
-    """Of the specimen of these, as a diagnosis has found it (YAML)."""
-    dx: float | None = None
-    """Grid spacing of the twin of these [m]; default: as in diagnose."""
-    force: str = "sensor"
-    """Source of their force, as in diagnose."""
-    effects: Path | None = None
-    """Python file with effects of your own to score too; it is executed."""
-
-    def run(self) -> None:
-        """Run the bench."""
-        if self.draws < 1:
-            raise ValueError(f"--draws {self.draws}: at least one is wanted")
-        if self != replace(Nulls(), out=self.out, only=self.only, json=self.json, draws=self.draws):
-            self.finish("nulls", self._like(), nulls.table)
-        else:
-            self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
-
-    def _like(self) -> Callable[..., dict[str, Any]]:
-        """The bench on recordings of one's own.
-
-        Raises:
-            ValueError: they, or the material, are not given or cannot be read.
-        """
-        if not self.like or self.material is None:
-            raise ValueError(
-                "--like RECORDING... and --material MATERIAL.yaml are wanted together: scenes, and what is"
-                " simulated in them"
-            )
-        like = Diagnose(self.like, self.material, dx=self.dx, force=self.force)
-        every = catalogue(self.effects)
-        read, _, model = like.opened(every)
-        assert model is not None  # of the material
-        return partial(
-            nulls.run_like, read, model, effects=list(every.values()), dx=self.dx, draws=self.draws
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Effects(Cases):
-    """Every effect, at three sizes, found again in a press and a shake; none where none acts."""
-
-    def run(self) -> None:
-        """Run the bench."""
-        self.finish("effects", effects.run_effects, effects.table)
-
-
-@dataclass(frozen=True)
-class Blind:
-    """Diagnose cases whose truth is sealed; with --score and --key, say what the verdicts are worth."""
-
-    seal: Path
-    """File with the SHA-256 of the key."""
-    cases: Path | None = None
-    """Folder of cases (ID/press.h5, shake.h5 and heldout.h5), or a list of seeds of this project's
-    own generator (tests/oracles/hidden_effects_set.py)."""
-    out: Path | None = None
-    """File of verdicts, which grows by a line for each case; default: runs/bench-blind/blind.json."""
-    only: tuple[str, ...] = ()
-    """Run only cases whose ids contain one of these."""
-    press_alone: bool = False
-    """Read the press without the shake; its verdicts want a file of their own."""
-    faces: bool = False
-    """Read what points on two sides and the force show alone; a file of their own too."""
-    score: Path | None = None
-    """File of verdicts to score; no case is run."""
-    key: Path | None = None
-    """The key, to score with."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
-
-    def run(self) -> None:
-        """Run the bench, or score what it found."""
-        if (self.score is None) != (self.key is None):
-            raise ValueError("--score and --key are wanted together: the verdicts, and the truth")
-        if self.score is not None and self.key is not None:
-            told = blind_score.score(self.score, self.key, self.seal)
-            emit(blind_score.table(told), told, as_json=self.json)
-            return
-        if self.cases is None:
-            raise ValueError("no --cases: a folder of cases, or a list of seeds")
-        out = self.out or Path("runs/bench-blind/blind.json")
-        if self.press_alone and self.faces:
-            raise ValueError("--press-alone and --faces are for runs of their own: choose one")
-        probes: blind.Probes = "press" if self.press_alone else "faces" if self.faces else "all"
-        result = blind.run_blind(self.cases, self.seal, out, only=self.only, probes=probes)
-        emit(blind.table(result), result, as_json=self.json)
-        say(f"written: {out}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,39 @@
+"""What the options of benches have in common."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from form_drake.commands.output import emit, say
+from form_drake.files import target, write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cases:
+    """Many cases, each kept when it is finished, until all are there."""
+
+    out: Path | None = None
+    """JSON file to write; default: runs/bench-NAME/NAME.json, NAME that of the bench. What is finished
+    stays beside it."""
+    only: tuple[str, ...] = ()
+    """Run only cases whose names contain one of these."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def finish(
+        self,
+        name: str,
+        run: Callable[..., dict[str, Any]],
+        table: Callable[[dict[str, Any]], str],
+    ) -> None:
+        """Run with ``store`` and ``only``; finished cases of a part of the bench stay for the rest."""
+        out = target(self.out or Path("runs") / f"bench-{name}" / f"{name}.json")
+        store = out.with_name(out.name + ".cases")
+        result = run(store=store, only=self.only)
+        write_json(out, result)
+        if not self.only:
+            shutil.rmtree(store, ignore_errors=True)
+        emit(table(result), result, as_json=self.json)
+        say(f"written: {out}")
