@@ -78,7 +78,11 @@ def left(more=0.0, seed=0):
     noise = np.random.default_rng(seed).standard_normal(ROWS)
     more = more * np.sqrt(np.diag(covariance(ROWS)))
     return SimpleNamespace(
-        left=noise + BY.white(more), by=BY, twin=SimpleNamespace(probes=(PROBE,)), bent=()
+        left=noise + BY.white(more),
+        by=BY,
+        twin=SimpleNamespace(probes=(PROBE,)),
+        bent=(),
+        grid=None,
     )
 
 
@@ -271,6 +275,8 @@ def test_how_far_a_simulation_is_off_is_told_by_place_and_moment(diagnosis):
     assert np.unravel_index(np.argmax(aside.heat), aside.heat.shape) == (CELLS - 1,) * 3
     assert after["rollout"].whole == after["volume"].whole == 0.0
     told = diagnosis.to_json()["passes"][0]["ledgers"][0]["rollout"]
+    assert told["grid"] is None and aside.grid is None  # no finer grid was simulated
+    assert _astray(PROBE, PROBE, 0.0)["rollout"].grid == 0.0  # it has nothing wrong
     assert told["whole"] == aside.whole and np.shape(told["cells"]) == aside.heat.shape
 
 
@@ -330,6 +336,7 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
         tmp_path / "r.html"
     )
     page = re.sub(r'src="data:[^"]*"', "", (tmp_path / "r.html").read_text())
+    assert re.search("displacement .mm.</td>.*<td>not known</td>", page)
     assert "Where and when" in page and "circles: what was found there." in page
     assert f"<td>{PROBE.windows.ends[4].mean():.2f}</td><td>never</td>" in page
     assert "To tell inclusion from density" in page and escape(command) in page

@@ -105,6 +105,7 @@ def run_like(
     draws: int,
     store: Path,
     only: tuple[str, ...] = (),
+    inputs: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """The bench on scenes of one's own, kept by recordings, model and grid.
 
@@ -116,6 +117,7 @@ def run_like(
         draws: of noise.
         store: folder for what is finished.
         only: parts of names, see ``run_cases``.
+        inputs: files that hold effects of one's own; where they change, nothing that is finished counts.
 
     Raises:
         ValueError: no recording holds a force, or the model has other values than they declare.
@@ -136,7 +138,8 @@ def run_like(
     parts = (range(n, min(n + TOGETHER, draws)) for n in range(0, draws, TOGETHER))
     cases = {f"{name}/draws{part[0]}-{part[-1]}": partial(own, part) for part in parts}
     estimates = dict.fromkeys(cases, 60.0 + 100.0 * TOGETHER)
-    results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
+    mark = fingerprint(*inputs)
+    results = run_cases(cases, store=store, mark=mark, estimates=estimates, only=only)
     count = sum(r["draws"] for r in results.values())
     of = likeness(scenes, model.law, model.causes)
     return {"cases": results, "scores": _largest(results), "draws": count, "of": of}

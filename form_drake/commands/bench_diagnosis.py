@@ -55,7 +55,13 @@ class Nulls(Cases):
         read, _, model = like.opened(every)
         assert model is not None  # of the material
         return partial(
-            nulls.run_like, read, model, effects=list(every.values()), dx=self.dx, draws=self.draws
+            nulls.run_like,
+            read,
+            model,
+            effects=list(every.values()),
+            dx=self.dx,
+            draws=self.draws,
+            inputs=[self.effects] if self.effects else [],
         )
 
 

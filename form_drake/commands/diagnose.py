@@ -69,10 +69,12 @@ class Diagnose:
         effects = catalogue(self.effects)
         recordings, holdout, start = self.opened(effects)
         law = start.law if start else law_named(self._law(recordings[0]))
-        nulls = Nulls.read(self.nulls) if self.nulls else Nulls.common()
-        scenes = Scenes.of(tuple(sighted(r) for r in recordings), self.dx)
-        with _about(self.nulls):
-            nulls.require_like(likeness(scenes, law, start.causes if start else ()))
+        nulls = Nulls.common()
+        if self.nulls is not None:
+            nulls = Nulls.read(self.nulls)
+            scenes = Scenes.of(tuple(sighted(r) for r in recordings), self.dx)
+            with _about(self.nulls):
+                nulls.require_like(likeness(scenes, law, start.causes if start else ()))
         found = diagnosed(
             recordings,
             law,
@@ -164,7 +166,7 @@ class Diagnose:
 
 
 @contextmanager
-def _about(path: Path | None) -> Iterator[None]:
+def _about(path: Path) -> Iterator[None]:
     """Say of which file a mistake is."""
     try:
         yield

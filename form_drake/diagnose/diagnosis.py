@@ -171,10 +171,10 @@ class Diagnosis:
                     "rivals": list(p.rivals),
                     "ledgers": [
                         one.to_json() | {book: own.to_json() for book, own in off.items()}
-                        for one, off in zip(left, astray, strict=True)
+                        for one, off in zip(left, gone, strict=True)
                     ],
                 }
-                for p, left, astray in zip(passes, self.ledgers, self.astray, strict=True)
+                for p, left, gone in zip(passes, self.ledgers, self.astray, strict=True)
             ],
             "advice": self.advice.to_json(),
             "gap": [c.to_json() for c in self.channels],

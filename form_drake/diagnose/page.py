@@ -132,8 +132,9 @@ def _astray_rows(before: Mapping[str, Astray], after: Mapping[str, Astray]) -> I
     told = {"rollout": (1e3, "displacement [mm]"), "volume": (1e2, "volume [%]")}
     for book, one in before.items():
         scale, name = told[book]
-        values = (one.whole, after[book].whole, one.noise, one.grid)
-        yield [f"{one.name}, {name}", *(f"{scale * v:.2g}" for v in values)]
+        values = (one.whole, after[book].whole, one.noise)
+        grid = "not known" if one.grid is None else f"{scale * one.grid:.2g}"
+        yield [f"{one.name}, {name}", *(f"{scale * v:.2g}" for v in values), grid]
 
 
 def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> None:

@@ -32,7 +32,7 @@ class Astray:
         time: middles of the windows, from the first frame on [s], shape [windows].
         whole: of all moments and points.
         noise: of what was measured.
-        grid: what a finer grid changes of the simulation, taken off.
+        grid: what a finer grid changes of the simulation, taken off; None: it is not known, and still there.
         windows: of all points, shape [windows].
         heat: of all moments, shape [cells, cells, cells]; not a number where no point is.
     """
@@ -43,7 +43,7 @@ class Astray:
     time: np.ndarray
     whole: float
     noise: float
-    grid: float
+    grid: float | None
     windows: np.ndarray
     heat: np.ndarray
 
@@ -62,11 +62,13 @@ class Astray:
 def astray(match: Match) -> tuple[Mapping[str, Astray], ...]:
     """By ledger, of every probe of a match."""
     pairs = zip(match.problem.probes, match.twin.probes, strict=True)
-    bent = match.bent or (None,) * len(match.twin.probes)
+    none = None if match.grid is None else 0.0
+    bent = match.bent or (none,) * len(match.twin.probes)
     return tuple(_astray(*pair, one) for pair, one in zip(pairs, bent, strict=True))
 
 
-def _astray(data: Probe, twin: Probe, bent: np.ndarray | None) -> Mapping[str, Astray]:
+def _astray(data: Probe, twin: Probe, bent: np.ndarray | float | None) -> Mapping[str, Astray]:
+    """By ledger; ``bent`` as in ``Match``, None: it is not known."""
     fine = twin if bent is None else replace(twin, fit=replace(twin.fit, c=twin.fit.c + bent))
     rng, (seen, rough, own) = np.random.default_rng(0), map(_told, (data, twin, fine))
     noise = dict.fromkeys(UNITS, np.zeros(()))
@@ -77,7 +79,7 @@ def _astray(data: Probe, twin: Probe, bent: np.ndarray | None) -> Mapping[str, A
     found = {}
     for book in UNITS:
         gap, grid = (_square(one[book] - own[book]) for one in (seen, rough))
-        found[book] = _booked(data, book, gap, grid, noise[book])
+        found[book] = _booked(data, book, gap, None if bent is None else grid, noise[book])
     return found
 
 
@@ -92,7 +94,7 @@ def _told(probe: Probe, motion: Motion | None = None) -> dict[str, np.ndarray]:
 
 
 def _booked(
-    probe: Probe, book: str, gap: np.ndarray, grid: np.ndarray, noise: np.ndarray
+    probe: Probe, book: str, gap: np.ndarray, grid: np.ndarray | None, noise: np.ndarray
 ) -> Astray:
     """Of squares, shape [times, points]."""
     motion, chi, left = probe.motion.at(slice(0, 1)), probe.windows.chi, gap - noise
@@ -109,7 +111,7 @@ def _booked(
         time=probe.windows.ends.mean(axis=1),
         whole=float(_root(step @ left @ weight)),
         noise=float(_root(step @ noise @ weight)),
-        grid=float(_root(step @ grid @ weight)),
+        grid=None if grid is None else float(_root(step @ grid @ weight)),
         windows=_root(chi @ left @ weight / chi.sum(axis=1)),
         heat=_root(mean).reshape((CELLS,) * 3),
     )
