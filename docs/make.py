@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from form_drake.bench import blind_score
+from form_drake.bench import blind_score, blind_table
 from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Term
@@ -238,10 +238,10 @@ def effects_table() -> str:
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
-def blind_table(folder: Path) -> str:
+def sealed_table(folder: Path) -> str:
     """What the verdicts on a sealed set are worth."""
     files = (folder / f for f in ("blind.json", "key.json", "key.sha256"))
-    return f"\n```text\n{blind_score.table(blind_score.score(*files))}\n```\n\n"
+    return f"\n```text\n{blind_table.table(blind_score.score(*files))}\n```\n\n"
 
 
 def stated(cls: type) -> dict[str, str]:
@@ -455,7 +455,7 @@ def pages() -> dict[Path, str]:
     effects, sealed = DOCS / "effects.md", DOCS / "blind"
     told = marked(effects.read_text(), "effects", effects_table())
     for name, folder in {"blind": sealed, "blind-second": sealed / "second"}.items():
-        told = marked(told, name, blind_table(folder))
+        told = marked(told, name, sealed_table(folder))
     layout = marked(recording.read_text(), "layout", layout_table())
     layout = marked(layout, "solver", settings_table(Solver))
     return {

@@ -1,7 +1,10 @@
 """What a diagnosis leaves in a folder: answer, material, page, a page that plays, what to record next."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -10,6 +13,7 @@ from form_drake.diagnose import Diagnosis, Nulls
 from form_drake.diagnose.page import diagnosis_page
 from form_drake.files import write_json, write_text
 from form_drake.motion import body
+from form_drake.records import Recording, read, write_recording
 from form_drake.report import Report
 
 PLAYED = "before_after.html"
@@ -23,6 +27,7 @@ def write_diagnosis(
     folder: Path,
     *,
     command: str = "",
+    effects: Path | None = None,
     finish: Callable[[Report], None] = lambda page: None,
 ) -> dict[str, Any]:
     """Write ``discrepancy.json``, ``material.yaml``, ``report.html``, what plays held-out motion, and ``next.yaml``.
@@ -32,6 +37,7 @@ def write_diagnosis(
         nulls: that its thresholds come from.
         folder: to write into.
         command: that diagnoses again with a further recording.
+        effects: file with effects of one's own, which a process that predicts reads too.
         finish: adds to the page, once the answer is on disk.
 
     Returns:
@@ -39,14 +45,61 @@ def write_diagnosis(
     """
     told = found.to_json()
     told["advice"] |= {"command": command, "scenario": _advise(found, folder) or None}
-    write_json(folder / "discrepancy.json", told)
     found.material.write(folder / "material.yaml")
+    told["written"] = _again(found, folder / "material.yaml", effects)
+    write_json(folder / "discrepancy.json", told)
     played = _play(found, folder)
     scenario = told["advice"]["scenario"] or ""
     page = diagnosis_page(found, nulls, command=command, scenario=scenario, played=played)
+    for one in told["written"]:
+        page.paragraph(_sentence(one))
     finish(page)
     page.write(folder / "report.html")
     return told
+
+
+def _again(found: Diagnosis, material: Path, effects: Path | None) -> list[dict[str, Any]]:
+    """How far ``form-drake predict`` of a written material, in a process of its own, is off what was verified.
+
+    Of every held-out recording: the largest change of a coordinate [m] and of a component of every tool's
+    force [N]; ``failed``: why there is none, None: it did not fail.
+    """
+    if found.check is None or found.after is None:
+        return []
+    refused = found.verdict == "unnamed"  # its effects are not written
+    verified, scenes = found.check.before if refused else found.after, found.check.scenes
+    told, words = list[dict[str, Any]](), ["--device", scenes.device]
+    words += [] if effects is None else ["--effects", str(effects.resolve())]
+    with TemporaryDirectory() as name:
+        seen, made = Path(name) / "seen.h5", Path(name) / "made.h5"
+        for recording, own, dx in zip(
+            scenes.recordings, verified.recordings, scenes.dx, strict=True
+        ):
+            write_recording(recording, seen)
+            line = ["predict", str(material), str(seen), "--out", str(made), "--dx", str(dx)]
+            command = [sys.executable, "-m", "form_drake", *line, *words]
+            ran = subprocess.run(command, capture_output=True, text=True, check=False)
+            if ran.returncode:
+                last = (ran.stderr.strip() or "no word").splitlines()[-1]
+                told.append({"failed": last, "tracks": None, "forces": {}})
+                continue
+            told.append({"failed": None, **_apart(read(made), own)})
+    return told
+
+
+def _apart(made: Recording, own: Recording) -> dict[str, Any]:
+    forces = {k: float(np.abs(made.forces[k].value - s.value).max()) for k, s in own.forces.items()}
+    return {"tracks": float(np.nanmax(np.abs(made.p_WQ - own.p_WQ))), "forces": forces}
+
+
+def _sentence(one: dict[str, Any]) -> str:
+    if one["failed"] is not None:
+        return f"form-drake predict of the written material.yaml fails: {one['failed']}"
+    forces = "".join(f", the force on {k} by {v:.2g} N" for k, v in one["forces"].items())
+    return (
+        "form-drake predict of the written material.yaml, in a process of its own, differs from what was verified:"
+        f" a coordinate by {1e3 * one['tracks']:.2g} mm at most{forces}."
+    )
 
 
 def _play(found: Diagnosis, folder: Path) -> str:

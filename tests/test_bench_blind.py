@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.bench import blind, blind_score, cases
+from form_drake.bench import blind, blind_score, blind_table, cases
 from form_drake.bench.blind_score import RATES, _errors, digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
@@ -113,6 +113,7 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
     assert rates == {
         "right class, strong singles": (2, 3),
         "right class and named": (1, 3),
+        "right class and nothing else": (2, 3),
         "false alarms on nulls": (1, 2),
         "nulls, not told that nothing is missing": (1, 2),
         "out of catalogue, refused": (1, 2),
@@ -121,10 +122,10 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
         "near threshold, confidently wrong": (1, 1),
         "near threshold, right class": (0, 1),
         "pairs, both named": (1, 1),
+        "pairs, both named and nothing else": (1, 1),
         "wrong noise, confident names": (0, 0),  # an error is no name that was not given
+        "wrong noise, confidently wrong": (0, 0),
     }
-    assert found["rates"]["pairs, both named"]["exactly"] == 1
-    assert "; 1 exactly the two" in blind_score.table(found)
     wanted = {"beyond noise": 0.25, "with noise": np.sqrt(0.4), "noise alone": 0.6, "closure": 0.9}
     told = {k: pytest.approx(v) for k, v in wanted.items()}
     assert found["gap"] == {"channels": 1, "excluded": 1, **told}
@@ -156,8 +157,48 @@ def test_what_is_no_verdict_that_nothing_is_missing_is_counted_on_nulls():
     assert not other({"verdict": "none", "effects": []}, {})
     truth = {"effects": {"drag": {}, "density": {}}}
     three = {"verdict": "named", "effects": [*map(effect, ("drag", "density", "inclusion"))]}
-    assert blind_score._both(three, truth) and not blind_score._exactly(three, truth)
+    assert blind_score._all(three, truth) and not blind_score._exactly(three, truth)
     assert blind_score._exactly({**three, "effects": three["effects"][:2]}, truth)
+    assert not blind_score._all({**three, "verdict": "unnamed"}, truth)
+
+
+def test_what_was_found_and_is_refused_is_no_name():
+    truth = {"effects": {"drag": {}}}
+    one = {"verdict": "named", "effects": [effect("drag")]}
+    assert blind_score.first(one, truth)
+    assert blind_score.first({**one, "verdict": "ambiguous"}, truth)
+    assert not blind_score.first({**one, "verdict": "unnamed"}, truth)
+
+
+def test_what_no_recording_tells_apart_is_of_one_class():
+    for name, other in (("density", "force-gain"), ("hardening", "yield")):
+        assert blind_score.right(name, effect(other)) and blind_score.right(other, effect(name))
+    assert not blind_score.right("drag", effect("density"))
+
+
+def test_goals_stand_beside_what_was_reached(tmp_path, drawn):
+    key, seal = drawn / "key-a.json", drawn / "key-a.sha256"
+    out = tmp_path / "blind.json"
+    verdicts(json.loads(key.read_text()), blind.sealed(seal), out)
+    told = {
+        line[:44].strip(): line for line in blind_table.table(score(out, key, seal)).split("\n")
+    }
+    assert (
+        "2 of   3" in (rate := told["right class, strong singles"])
+        and "MISSED (goal >= 98 %)" in rate
+    )
+    assert (
+        "0.632" in (left := told["held-out error, after by before"])
+        and "MISSED (goal <= 0.15)" in left
+    )
+    assert (
+        "90.0 %" in told["closure, median"] and "MISSED (goal >= 95 %)" in told["closure, median"]
+    )
+    assert (
+        "50 points" in (less := told["the runner-up closes less by"])
+        and "met (goal >= 30 %)" in less
+    )
+    assert told["verdicts over 1200 s of a core"].endswith("met (goal <= 0)")
 
 
 def test_what_thresholds_stand_on_is_in_the_fingerprint(tmp_path, monkeypatch):
@@ -189,10 +230,12 @@ def test_sizes_are_compared_in_the_units_of_the_catalogue():
     results, truth, wanted = [], {}, {}
     for n, (name, told, named, error) in enumerate(SIZED):
         truth[str(n)] = {"kind": "single", "effects": {name: told}, "body": BODY}
-        results.append({"id": str(n), "effects": [{"name": name, "where": {}, **named}]})
+        results.append(
+            {"id": str(n), "verdict": "named", "effects": [{"name": name, "where": {}, **named}]}
+        )
         wanted.setdefault(name, []).extend([] if error is None else [error])
     results.append(
-        {"id": "0", "effects": [{"name": "density"}]}
+        {"id": "0", "verdict": "named", "effects": [{"name": "density"}]}
     )  # wrongly named: no size to compare
     made = compared(results, truth)
     assert made["errors"] == {k: pytest.approx(v, abs=1e-9) for k, v in wanted.items()}
@@ -200,6 +243,25 @@ def test_sizes_are_compared_in_the_units_of_the_catalogue():
     assert made["pull"] == pytest.approx(np.sqrt((1.0 + 50.0**2 + 1.0 + 0.5**2) / 6.0))
     assert made["centres"] == [pytest.approx(5e-3)]
     assert made["fine"] == pytest.approx(0.01) and made["rough"] == pytest.approx(0.5)
+
+
+def test_sizes_that_nothing_tells_are_no_hits_of_intervals():
+    truth = {
+        str(n): {"kind": "single", "effects": {"drag": {"c": 20.0}}, "body": BODY} for n in range(4)
+    }
+    stds = (1.0, 30.0, None, 1.0)
+    results = [
+        {
+            "id": str(n),
+            "verdict": "named",
+            "effects": [{"name": "drag", "where": {}, "coefficient": 21.0, "std": s}],
+        }
+        for n, s in enumerate(stds)
+    ]
+    results[-1]["verdict"] = "unnamed"
+    made = compared(results, truth)
+    assert (made["within"], made["of"], made["untold"]) == (1, 1, ["drag", "drag"])
+    assert made["errors"] == {"drag": pytest.approx([0.05] * 3)}
 
 
 def test_the_least_size_that_is_named_is_read_off_faint_cases():
@@ -345,6 +407,9 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     seal = str(drawn / "key-a.sha256")
     (tmp_path / "cases" / "a").mkdir(parents=True)
     (tmp_path / "cases" / "key.json").write_text("{}")
+    (tmp_path / "told" / "a").mkdir(parents=True)
+    (tmp_path / "told" / "a" / "Truth.yaml").touch()
+    (tmp_path / "told" / "key.sha256").touch()  # a seal tells nothing
     (tmp_path / "shakes" / "a").mkdir(parents=True)
     (tmp_path / "shakes" / "a" / "shake.h5").touch()
     (tmp_path / "text").write_text("no hash")
@@ -372,6 +437,7 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--score", good, "--key", listed], "no key; each"),
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
+        (["--seal", seal, "--cases", str(tmp_path / "told")], "told: holds Truth.yaml; the truth"),
         (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),
         (["--seal", seal, "--cases", str(tmp_path / "shakes")], "no press.h5 is in it"),
         (["--seal", str(tmp_path / "text"), "--cases", str(drawn / "a.json")], "of 64 digits"),

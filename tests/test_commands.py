@@ -389,6 +389,7 @@ def test_bad_predictions_are_refused(capsys, files, here, name, options, message
 UNUSED = {
     "thrown": (("--drive", "force", "--scenario", "press_a"), "--scenario, --drive force: "),
     "thrown alone": (("--effects", "own.py"), "leave out --effects: "),
+    "thrown finely": (("--dx", "0.01"), "leave out --dx: "),
     "staged": (("--initial-velocity", "x"), "leave out --initial-velocity: "),
     "staged by force": (("--drive", "force"), "leave out --drive force: staged.h5 lies beside no"),
     "probed": (

@@ -18,15 +18,17 @@ from form_drake.__main__ import main
 from form_drake.bench.nulls import _again, _digest
 from form_drake.diagnose import Cause, Model, Nulls, Scenes, prepare, verify
 from form_drake.diagnose import diagnosed as diagnosis
+from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.columns import twin_of
 from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.match import Match
+from form_drake.diagnose.placebo import removals
 from form_drake.diagnose.score import coherence, named_from, scores, shapes
 from form_drake.diagnose.score import scored as one_scored
 from form_drake.diagnose.search import matched
 from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnose.verdict import WRONG, Found, Naming, shed
-from form_drake.diagnose.verify import Channel, Check, Predicted, there
+from form_drake.diagnose.verify import Check, Predicted, there
 from form_drake.effects import CATALOGUE
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS, law_named
@@ -132,6 +134,30 @@ def test_what_has_become_needless_goes(needed):
     assert gone == [] if needed else gone == ["force-delay"] and left[0].match is begun
     assert len(left) == 1 + needed
     assert match.model.causes[-1].coefficient == pytest.approx(5e-3, rel=0.1)
+
+
+def test_what_each_of_two_effects_is_worth_is_told_without_it():
+    swelling, late = (
+        Cause(CATALOGUE["eigenstrain"], 5e-3, {}),
+        Cause(CATALOGUE["force-delay"], 4e-3, {}),
+    )
+    begun = fitted(noisy(made := rolled(swelling, late), 0))
+    match = matched(begun.near(replace(begun.model, causes=(swelling, late))))
+    check = Check.of(Scenes.of((noisy(made, 1),), DX), begun)
+    naming = SimpleNamespace(match=match, added=match.told.causes)
+    after = check.predicted(match)
+    assert check.shows(after)
+    soft, slow = removals(naming, check, after)
+    assert [soft.effect.id, slow.effect.id] == ["eigenstrain", "force-delay"]
+    tracks, force, *_ = (c for c in slow.channels)
+    assert (
+        force.name == "force of plate 1" and force.before > 3.0 * force.after and not tracks.counts
+    )
+    tracks, *_ = soft.channels
+    assert tracks.before > 3.0 * tracks.after
+    assert not any(c.worse for one in (soft, slow) for c in one.channels)
+    alone = SimpleNamespace(match=match, added=match.told.causes[:1])
+    assert list(removals(alone, check, after)) == []
 
 
 HIDDEN = {
@@ -327,12 +353,16 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
     assert "force-delay stands out" in page and "Not verified" in page
 
     written = str(out / "material.yaml")
-    predict = [written, str(files / "late1.h5"), "--out", str(files / "p.h5")]
+    predict = [written, str(files / "late1.h5"), "--dx", str(DX), "--out", str(files / "p.h5")]
     subprocess.run([sys.executable, "-m", "form_drake", "predict", *predict], check=True)
     made, seen = (read(files / name).forces["plate"].value for name in ("p.h5", "late1.h5"))
-    left = float(np.sqrt(np.mean((made - seen) ** 2)))  # on another grid than was verified
+    left = float(np.sqrt(np.mean((made - seen) ** 2)))
     assert left == pytest.approx(np.hypot(force["after"], force["noise"]), rel=0.15)
     assert left < 0.5 * force["before"]
+    (again,) = found["written"]  # by the command itself
+    assert again["failed"] is None and again["tracks"] < 1e-6
+    assert again["forces"]["plate"] < 0.1 * force["noise"]
+    assert "differs from what was verified" in page
 
     # what is known already is not found again, nor counted as found
     again, _ = diagnosed(files, capsys, "late", "--material", written)
@@ -648,13 +678,18 @@ def test_what_is_lost_counts_in_no_error_wherever_it_is_put(lost_as):
     assert not there(unstated)[:, 3].any() and np.array_equal(there(seen), valid)
 
 
-def borne_out(before, after, chance=50.0):
+def rows_of(before, after, chance=50.0):
     """Of held-out rows of unit variance, before and after: one that effects change, and another."""
     own = [np.array(rows) for rows in (before, after)]
     by = SimpleNamespace(white=lambda a: a)
     match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance)
     was = SimpleNamespace(match=SimpleNamespace(apart=own[0]))
-    return Check(SimpleNamespace(), None, was).bears_out(Predicted((), (), match))
+    return Check(SimpleNamespace(), None, was), Predicted((), (), match)
+
+
+def borne_out(*told, **more):
+    check, after = rows_of(*told, **more)
+    return check.bears_out(after)
 
 
 def test_held_out_rows_that_keep_more_than_noise_refuse_what_was_found():
@@ -670,10 +705,17 @@ def test_held_out_rows_that_keep_more_than_noise_refuse_what_was_found():
     ("predicted", "there", "fits"),
     [(3.9, 0.0, True), (4.1, 0.0, False), (4.1, 0.6, True), (20.0, 0.7, False), (20.0, 0.75, True)],
 )
-def test_held_out_rows_change_by_as_much_as_was_predicted(predicted, there, fits):
+def test_held_out_rows_change_by_as_much_as_was_predicted(monkeypatch, predicted, there, fits):
     """In standard deviations; from four on they tell. The share that is there is known to 1/predicted."""
     gap = there * predicted
     assert borne_out((gap, 0.0), (gap - predicted, 0.0)) is fits
+    check, after = rows_of((gap, 0.0), (gap - predicted, 0.0))
+    check = replace(check, before=SimpleNamespace(match=check.before.match, recordings=(), coarse=()))
+    check.scenes.recordings, own = (), SimpleNamespace(counts=False)
+    monkeypatch.setattr(Check, "channels", lambda *a: [own])
+    assert check.shows(after) is (predicted > 4.0)
+    own.counts = True
+    assert check.shows(after)
     if there:
         assert borne_out(((2.0 - there) * predicted, 0.0), (-gap + predicted, 0.0)) is fits
 
@@ -712,13 +754,14 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
     def fails(*arguments):
         raise ValueError("it broke down")
 
-    unseen = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-9)
+    seen = replace(PROBE, noise=NOISE)
+    unseen = replace(seen, p_WQ=PROBE.p_WQ + 1e-9)
 
     def told():
-        return diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[unseen], dx=DX)
+        return diagnosis([seen], LAW, effects=[], thresholds={}, holdout=[unseen], dx=DX)
 
     with pytest.raises(ValueError, match="hold the same motion"):
-        diagnosis([PROBE], LAW, effects=[], thresholds={}, holdout=[PROBE], dx=DX)
+        diagnosis([seen], LAW, effects=[], thresholds={}, holdout=[seen], dx=DX)
 
     monkeypatch.setattr(Check, "of", fails)
     assert told().verdict == "named" and told().unverified == "it broke down"

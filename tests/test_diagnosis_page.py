@@ -16,10 +16,12 @@ from form_drake.__main__ import _parse
 from form_drake.commands.diagnose import Diagnose
 from form_drake.diagnose import Cause, Diagnosis, Model, Nulls
 from form_drake.diagnose.advice import Advice
-from form_drake.diagnose.diagnosis import _doubts
+from form_drake.diagnose.channel import Channel
+from form_drake.diagnose.doubts import doubts, needless
 from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
 from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose.placebo import Removed
 from form_drake.diagnose.prepare import probe as read_probe
 from form_drake.diagnose.rollout import _astray
 from form_drake.diagnose.score import Score
@@ -347,7 +349,7 @@ def test_the_page_says_where_when_and_what_next(diagnosis, tmp_path):
 
 def test_held_out_motion_that_is_not_predicted_is_said_everywhere(diagnosis, tmp_path):
     unsure = replace(diagnosis, unverified="it broke down")
-    assert str(unsure).endswith("held-out motion is not predicted: it broke down")
+    assert str(unsure).endswith("held-out motion verifies nothing: it broke down")
     assert (unsure.verdict, unsure.to_json()["unverified"]) == ("ambiguous", "it broke down")
     diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")
     assert "verifies nothing: it broke down." in (tmp_path / "r.html").read_text()
@@ -365,13 +367,35 @@ def test_what_is_refused_is_not_in_the_material(diagnosis):
 def test_what_recordings_leave_open_is_said_everywhere(diagnosis, tmp_path):
     seen, law = block(), LAWS["fixed-corotated"]
     start, found = (Model(law, {"mu": mu, "lam": 40e3}) for mu in (20e3, 31e3))
-    assert _doubts([seen], None, found) == _doubts([seen], start, start) == ()
-    jitter, other = _doubts([seen, replace(seen, noise=None)], start, found)
+    assert doubts([seen], None, found) == doubts([seen], start, start) == ()
+    jitter, other = doubts([seen, replace(seen, noise=None)], start, found)
     assert "recording 2" in jitter and "2e+04 Pa, these recordings show 3.1e+04 Pa" in other
     unsure = replace(diagnosis, doubts=(jitter,))
     assert jitter in str(unsure) and unsure.to_json()["doubts"] == [jitter]
     diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")
     assert escape(jitter) in (tmp_path / "r.html").read_text()
+
+
+def test_nothing_is_named_without_reserve_where_there_is_a_doubt(diagnosis):
+    sure = replace(diagnosis, naming=replace(diagnosis.naming, verdict="named"))
+    assert sure.verdict == "named" and sure.sentence().startswith("Missing: ")
+    unsure = replace(sure, doubts=("The tracks told their own noise.",))
+    assert unsure.verdict == "ambiguous" and "but there is a doubt" not in diagnosis.sentence()
+    assert unsure.material.effects  # it is still what explains most
+    refused = replace(unsure, naming=replace(sure.naming, verdict="unnamed"))
+    assert refused.verdict == "unnamed"
+
+
+def test_an_effect_that_makes_held_out_motion_worse_is_a_doubt(diagnosis):
+    effect = diagnosis.naming.added[0].effect
+    helps, harms, silent = (
+        Removed(effect, (Channel("tracks 1", "m", before, after, 1e-6, 1e4, 1e-6),))
+        for before, after in ((1e-3, 1e-5), (1e-5, 1e-3), (1e-5, 1.01e-5))
+    )
+    assert needless([helps, silent]) == ()
+    assert needless([helps, harms]) == (
+        f"Held-out motion is predicted worse with {effect.id} than without it.",
+    )
 
 
 def test_a_size_that_is_not_told_is_said_everywhere(diagnosis, tmp_path):

@@ -235,6 +235,19 @@ def test_simulations_that_come_as_near_are_rivals_unless_they_are_alike(monkeypa
     assert (found.alike, found.rivals) == (("relaxation",), ())
 
 
+def test_what_no_recording_tells_apart_is_of_one_class():
+    """Whatever noise makes of their columns, and whether the other is seen or not."""
+    best, other = runner("density", 20.0, 20.0), score("force-gain", 3.0)
+    for seen in ((best.score,), (best.score, replace(other, score=50.0))):
+        found = verdict.Found(SimpleNamespace(excess_left=100.0), (*seen, other)[:2], seen)
+        judged = verdict._judged(found, best, [])
+        assert (judged.alike, judged.rivals) == (("force-gain",), ())
+    alone = verdict.Found(SimpleNamespace(excess_left=100.0), (best.score,), (best.score,))
+    assert verdict._judged(alone, best, []).alike == ()  # of a catalogue without it
+    for effect in CATALOGUE.values():
+        assert all(effect.id in CATALOGUE[name].same for name in effect.same)
+
+
 def test_what_scores_as_much_below_its_threshold_is_a_rival_too():
     """Next to the threshold chance decides which of two is above it."""
     best = runner("drag", 84.0, 83.0)

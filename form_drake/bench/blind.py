@@ -53,9 +53,9 @@ def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
         return {one["id"]: lambda one=one: _made(one, faces=faces) for one in _listed(path)}
     if not path.is_dir():
         raise ValueError(f"{path}: no such folder, nor a list of cases")
-    keys = [p.name for p in path.rglob("*") if "key" in p.stem and p.suffix == ".json"]
-    if keys:
-        raise ValueError(f"{path}: holds {keys[0]}; the truth must lie elsewhere")
+    secrets = [p.name for p in path.rglob("*") if p.is_file() and _secret(p)]
+    if secrets:
+        raise ValueError(f"{path}: holds {secrets[0]}; the truth must lie elsewhere")
     found = sorted({p.parent for name in PROBES for p in path.glob(f"*/{name}.h5")})
     if not found:
         raise ValueError(f"{path}: no case there; a case is a folder with press.h5")
@@ -63,6 +63,11 @@ def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
         if not (folder / "press.h5").is_file():
             raise ValueError(f"{folder}: no press.h5 is in it, which every case has")
     return {folder.name: lambda folder=folder: _kept(folder) for folder in found}
+
+
+def _secret(path: Path) -> bool:
+    """Whether a file may hold the truth, by its name; a seal does not."""
+    return path.suffix != ".sha256" and any(w in path.stem.lower() for w in ("key", "truth"))
 
 
 def _listed(path: Path) -> list[dict[str, Any]]:
@@ -212,7 +217,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
         placebo=placebo,
     )
     told = found.to_json()
-    keys = ("verdict", "failed", "effects", "values", "gap", "unverified", "placebos")
+    keys = ("verdict", "failed", "effects", "values", "gap", "unverified", "placebos", "removed")
     kept = {k: told[k] for k in keys}
     passes = [
         {

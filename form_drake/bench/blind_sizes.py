@@ -84,15 +84,19 @@ def found(named: Mapping[str, Any]) -> tuple[float, float]:
 def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Errors of sizes of strong singles that were named by their own name, by effect.
 
-    ``errors`` are relative; ``within`` counts truths within the 90 % interval; ``pull`` is the root mean
-    square of errors by standard deviations; ``centre`` are distances of inclusions from where they are [m].
+    ``errors`` are relative; ``untold`` are effects whose standard deviation is none or as large as they
+    are. Of the others ``within`` counts truths within the 90 % interval, and ``pull`` is the root mean
+    square of errors by standard deviations; ``centres`` are distances of inclusions from where they are
+    [m], ``stiff`` those of stiff ones.
     """
     errors: dict[str, list[float]] = {}
-    centres, pulls = list[float](), list[float]()
+    centres, stiff, pulls, untold = list[float](), list[float](), list[float](), list[str]()
     for one in results:
         told = truth[one["id"]]
         named = one.get("effects") or []
         if told["kind"] != "single" or not named or named[0]["name"] not in told["effects"]:
+            continue
+        if one["verdict"] not in ("named", "ambiguous"):
             continue
         name = named[0]["name"]
         own = told["effects"][name]
@@ -103,7 +107,10 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
         if name == "inclusion":
             place = np.array([named[0]["where"][k] for k in "xyz"])
             centres.append(float(np.linalg.norm(place - own["centre"])))
-        if np.isfinite(std):
+            stiff += centres[-1:] if own["factor"] > 1.0 else []
+        if named[0]["std"] is None or std >= abs(size):
+            untold.append(name)
+        elif np.isfinite(std):
             pulls.append((size - wanted) / std)
     return {
         "errors": errors,
@@ -111,6 +118,8 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
         "of": len(pulls),
         "pull": float(np.sqrt(np.mean(np.square(pulls)))) if pulls else None,
         "centres": centres,
+        "stiff": stiff,
+        "untold": sorted(untold),
         **_medians(errors),
     }
 

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from form_drake.bench import blind, blind_score, effects, nulls
+from form_drake.bench import blind, blind_score, blind_table, effects, nulls
 from form_drake.commands.bench_cases import Cases
 from form_drake.commands.diagnose import Diagnose
 from form_drake.commands.output import emit, say
@@ -104,7 +104,7 @@ class Blind:
             raise ValueError("--score and --key are wanted together: the verdicts, and the truth")
         if self.score is not None and self.key is not None:
             told = blind_score.score(self.score, self.key, self.seal)
-            emit(blind_score.table(told), told, as_json=self.json)
+            emit(blind_table.table(told), told, as_json=self.json)
             return
         if self.cases is None:
             raise ValueError("no --cases: a folder of cases, or a list of seeds")

@@ -89,7 +89,7 @@ class Diagnose:
         )
         command = self._again(out)
         with whole_folder(out) as folder:
-            told = write_diagnosis(found, nulls, folder, command=command)
+            told = write_diagnosis(found, nulls, folder, command=command, effects=self.effects)
         emit(str(found), told, as_json=self.json)
         say(f"written: {out / 'report.html'}")
 

@@ -69,6 +69,8 @@ class Predict:
     """Scenario of a probe; default: scenario.yaml beside the recording."""
     drive: Literal["pose", "force"] = "pose"
     """What drives the tool of a probe: its recorded pose, or the recorded force."""
+    dx: float | None = None
+    """Grid spacing [m] for a probe between stated faces; default: an eighth of its least edge."""
     out: Path | None = None
     """Recording to write the predicted motion to; default: runs/predict/prediction.h5."""
     device: str = "cpu"
@@ -84,6 +86,8 @@ class Predict:
             out = target_folder(Path("runs/predict"))
         material, recording = read_material(self.material), read(self.recording)
         device(self.device)
+        if self.dx is not None and not 0.0 < self.dx < np.inf:
+            raise ValueError(f"--dx {self.dx:g}: a positive number of metres is wanted")
         material = material.changed(assignments(self.set))
         how = self._how(recording)
         self._refuse_unused(how)
@@ -112,14 +116,18 @@ class Predict:
             "--effects": self.effects is not None,
             "--scenario": self.scenario is not None,
             f"--drive {self.drive}": self.drive != "pose",
+            "--dx": self.dx is not None,
         }
         every = set(given)
         if how == self._thrown:
             idle, why = every - {"--initial-velocity"}, "is of a body that is thrown"
         elif how == self._staged:
-            idle, why = every - {"--effects"}, "lies beside no scenario: poses drive its tools"
+            idle, why = (
+                every - {"--effects", "--dx"},
+                "lies beside no scenario: poses drive its tools",
+            )
         else:
-            idle, why = {"--initial-velocity"}, "is of a probe, which begins at rest"
+            idle, why = {"--initial-velocity", "--dx"}, "is of a probe, which begins at rest"
         unused = [option for option, on in given.items() if on and option in idle]
         if unused:
             raise ValueError(f"leave out {', '.join(unused)}: {self.recording} {why}")
@@ -130,7 +138,7 @@ class Predict:
         model = Model.of(material, self._catalogue)
         shape = body(recording)
         placed(model.causes, shape.low, shape.high)
-        scenes = Scenes.of((recording,), device=self.device)
+        scenes = Scenes.of((recording,), self.dx, self.device)
         (recording,), (predicted,) = scenes.recordings, scenes.rolled(model)
         apart = (predicted.p_WQ - recording.p_WQ)[there(recording)]
         errors = {"shape_rms": float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))}

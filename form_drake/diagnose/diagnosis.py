@@ -5,31 +5,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from form_drake.diagnose.advice import Advice
+from form_drake.diagnose.channel import Channel
+from form_drake.diagnose.doubts import SILENT, UNSEEN, doubts, needless
 from form_drake.diagnose.ledger import Ledger, ledgers
 from form_drake.diagnose.model import Cause, Model, Scenes
-from form_drake.diagnose.placebo import Placebo, placebos
-from form_drake.diagnose.prepare import read
+from form_drake.diagnose.placebo import Placebo, Removed, placebos, removals
+from form_drake.diagnose.prepare import given, read
 from form_drake.diagnose.rollout import Astray, astray
 from form_drake.diagnose.verdict import Naming, Verdict, named
-from form_drake.diagnose.verify import Channel, Check, Predicted, require_stated
+from form_drake.diagnose.verify import Check, Predicted, require_stated
 from form_drake.effects import Effect
-from form_drake.identify.stated import of_one_material, weak_known
+from form_drake.identify.stated import of_one_material
 from form_drake.laws import Law
 from form_drake.material import Material
-from form_drake.motion.lasting import intervals
 from form_drake.motion.tracks import sighted
 from form_drake.records import Recording
 from form_drake.workers import single
-
-OTHER = 1.5  # times a shear modulus, by which a specimen is another
-AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
-UNSEEN = (
-    "Held-out motion is off by more than noise, grid and moduli explain: something is missing there that the"
-    " other recordings do not name. Read it too, and hold another back."
-)
 
 
 @dataclass(frozen=True)
@@ -43,8 +35,9 @@ class Diagnosis:
         check: held-out motions; None: there are none, or they could not be predicted.
         after: the same, predicted with what was added; the same as before where nothing was.
         placebos: wrong effects beside those that were added, if they were asked for.
-        unverified: why held-out motions could not be predicted; "": they were, or there are none.
-        doubts: what stays open beside the verdict, in sentences.
+        removed: each of several effects taken out again.
+        unverified: why held-out motions verify nothing; "": they do, or there are none.
+        doubts: what stays open beside the verdict, in sentences; with one nothing is named without reserve.
     """
 
     naming: Naming
@@ -53,6 +46,7 @@ class Diagnosis:
     check: Check | None = None
     after: Predicted | None = None
     placebos: tuple[Placebo, ...] = ()
+    removed: tuple[Removed, ...] = ()
     unverified: str = ""
     doubts: tuple[str, ...] = ()
 
@@ -72,6 +66,8 @@ class Diagnosis:
             return "unnamed"
         if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
             return "unnamed"
+        if self.naming.verdict == "named" and self.doubts:
+            return "ambiguous"
         return self.naming.verdict
 
     @cached_property
@@ -111,7 +107,8 @@ class Diagnosis:
             return f"Something is missing that is not in the catalogue.{tried}"
         if self.verdict == "ambiguous":
             rivals = sorted({r for p in self.naming.passes for r in p.rivals})
-            return f"Missing: {told}; these recordings would allow {', '.join(rivals)} as well."
+            others = f"these recordings would allow {', '.join(rivals)} as well"
+            return f"Missing, it seems: {told}; {others if rivals else 'but there is a doubt'}."
         return f"Missing: {told}."
 
     def __str__(self) -> str:
@@ -132,7 +129,10 @@ class Diagnosis:
         if self.check and self.check.unread:
             lines.append(f"the balance of held-out motion is not compared: {self.check.unread}")
         if self.unverified:
-            lines += ["", f"held-out motion is not predicted: {self.unverified}"]
+            lines += ["", f"held-out motion verifies nothing: {self.unverified}"]
+        for r in self.removed:
+            left = ", ".join(f"{c.name} {c.before:.3g} {c.unit}" for c in r.channels)
+            lines.append(f"without {r.effect.id}: {left}")
         for p in self.placebos:
             closed = ", ".join(f"{100.0 * c.closure:.0f} %" for c in p.channels if c.counts)
             lines.append(f"placebo {p.effect.id} closes {closed or 'what is too small to tell'}")
@@ -180,6 +180,7 @@ class Diagnosis:
             "gap": [c.to_json() for c in self.channels],
             "unverified": self.unverified or None,
             "placebos": [p.to_json() for p in self.placebos],
+            "removed": [r.to_json() for r in self.removed],
         }
 
 
@@ -232,7 +233,7 @@ def diagnosed(
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
     without = naming.passes[0].match.model
     density = problem.probes[0].body.density
-    told = Diagnosis(naming, without, density, doubts=_doubts(recordings, start, naming.model))
+    told = Diagnosis(naming, without, density, doubts=doubts(recordings, start, naming.model))
     if not holdout:
         return told
     progress("predicting the held-out motion")
@@ -241,57 +242,30 @@ def diagnosed(
         check = Check.of(held, naming.passes[0].match)
     except ValueError as error:
         return replace(told, unverified=str(error))
+    return _verified(replace(told, check=check), check, placebo, progress)
+
+
+def _verified(
+    told: Diagnosis, check: Check, placebo: int | None, progress: Callable[[str], None]
+) -> Diagnosis:
+    """With held-out motion predicted with what was added, without one of several, and with placebos."""
+    naming = told.naming
     if not naming.added:
-        told = replace(told, check=check, after=check.before)
         off = not check.bears_out(check.before)
-        return replace(told, doubts=(*told.doubts, *((UNSEEN,) if off else ())))
+        left = (*told.doubts, *((UNSEEN,) if off else ()))
+        return replace(told, after=check.before, doubts=left)
     try:
-        told = replace(told, check=check, after=check.predicted(naming.match))
+        after = check.predicted(naming.match)
     except ValueError as error:
         failed = f"held-out motion as predicted: {error}"
         return replace(told, naming=replace(naming, verdict="unnamed", failed=failed))
-    if placebo is None:
-        return told
-    return replace(told, placebos=tuple(placebos(naming, check, placebo, progress)))
-
-
-def _doubts(recordings: Sequence[Recording], start: Model | None, found: Model) -> tuple[str, ...]:
-    """What may be wrong with recordings or with the material that was begun with."""
-    told = [
-        f"How noisy the tracks of recording {n} are was told by their own jitter: errors that last"
-        " longer than a frame would be taken for motion; intervals of rest, of eight frames or more, show them."
-        for n, one in enumerate(recordings, start=1)
-        if one.noise is None and not intervals(one.time, one.rest)
-    ]
-    if start is not None:
-        (_, was), (_, seen) = (one.law.moduli(one.values) for one in (start, found))
-        if not 1.0 / OTHER < seen / was < OTHER:
-            told.append(
-                f"The material has a shear modulus of {was:.3g} Pa, these recordings show {seen:.3g} Pa: it may be"
-                " that of another specimen."
-            )
-    return tuple(told)
-
-
-def given(recordings: Sequence[Recording], law: Law, start: Model | None) -> dict[str, float]:
-    """Constants that nothing finds, of recordings and of what is begun with.
-
-    Raises:
-        ValueError: no recording holds a force, or ``start`` has other values than they declare.
-    """
-    if not any(r.forces for r in recordings):
-        raise ValueError(
-            "no recording holds a force: the scale of the moduli cannot be told; add"
-            " forces={tool: Stream(...)} to one of them"
-        )
-    known = weak_known(recordings, law, {})
-    if start is None:
-        return known
-    own = Material(start.law, dict(start.values)).parameters()
-    for key, value in known.items():
-        if not np.isclose(own[key].value, value, rtol=AGREED):
-            raise ValueError(
-                f"the material has {key} {own[key].value:g}, the recordings declare {value:g} as known: begin"
-                " with a material that agrees"
-            )
-    return known | {k: start.values[k] for k in start.law.constants("given")}
+    removed = tuple(removals(naming, check, after, progress))
+    wrong = () if placebo is None else tuple(placebos(naming, check, placebo, progress))
+    return replace(
+        told,
+        after=after,
+        placebos=wrong,
+        removed=removed,
+        unverified="" if check.shows(after) else SILENT,
+        doubts=(*told.doubts, *needless(removed)),
+    )

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.diagnose.ledger import Ledger
+from form_drake.diagnose.channel import Channel
+from form_drake.diagnose.ledger import BOOKS, Ledger
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause
 from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import Score
-from form_drake.diagnose.verify import Channel, there
+from form_drake.diagnose.verify import there
 from form_drake.motion import Body
 from form_drake.records import Recording
 
@@ -157,6 +158,25 @@ def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
         axes.set_xlabel("middle of the window [s]")
         axes.set_ylabel("mean square left over")
         axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4)
+    return figure
+
+
+def passes(found: Sequence[Sequence[Ledger]]) -> Any:
+    """Mean squares left over when each pass begins, by probe and ledger."""
+    figure = _figure(5.0 * len(found[0]), 2.8)
+    for n, told in enumerate(zip(*found, strict=True)):
+        axes = figure.add_subplot(1, len(found[0]), n + 1)
+        for book in BOOKS:
+            means = [one.mean(book) for one in told]
+            if None not in means:
+                axes.plot(np.arange(1, len(told) + 1), means, "o-", label=book)
+        axes.axhline(1.0, color="k", ls="--", lw=1, label="noise")
+        axes.set_yscale("log")
+        axes.set_xticks(np.arange(1, len(told) + 1))
+        axes.set_title(told[0].name)
+        axes.set_xlabel("pass")
+        axes.set_ylabel("mean square left over")
+        axes.legend(frameon=False)
     return figure
 
 

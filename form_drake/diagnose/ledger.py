@@ -4,7 +4,7 @@ Rows whose field carries a measured force are the tool's ledger, those that tell
 gone that of kinematics, forces that tools should not feel that of contact, all others that of the interior.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -70,6 +70,18 @@ class Ledger:
         rows = self.book == book
         return float(self.square[rows].mean()) if rows.any() else None
 
+    def of(self, book: str) -> "Ledger":
+        """One ledger alone."""
+        own = self.book == book
+        square, window, field = self.square[own], self.window[own], self.field[own]
+        return replace(self, square=square, window=window, field=field, book=self.book[own])
+
+    @property
+    def means(self) -> list[float | None]:
+        """Mean squares of windows; None: no row is there."""
+        rows = np.bincount(self.window, minlength=len(self.time))
+        return [float(s / n) if n else None for s, n in zip(self.spent, rows, strict=True)]
+
     @property
     def heat(self) -> np.ndarray:
         """Squares less one, averaged over the rows that see a cell, shape [cells, cells, cells].
@@ -83,19 +95,23 @@ class Ledger:
         return np.divide(heat, seen, out=np.full(heat.shape, np.nan), where=seen > 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Mean squares, one on average where noise is left: of ledgers, of windows, and in cells less one.
+        """Mean squares, one on average where noise is left: of ledgers, of windows, and in cells less one,
+        of all and of each ledger.
 
         Times are in s from the first frame on, cells are nested along x, y and z; None: no row is there.
         """
-        own = {book: self.mean(book) for book in BOOKS}
-        rows = np.bincount(self.window, minlength=len(self.time))
+        parts = {book: self.of(book) for book in BOOKS if book in self.book}
         return {
             "probe": self.name,
-            **own,
+            **{book: self.mean(book) for book in BOOKS},
             "onset": self.onset,
             "time": self.time.tolist(),
-            "windows": [s / n if n else None for s, n in zip(self.spent, rows, strict=True)],
+            "windows": self.means,
             "cells": nested(self.heat),
+            "books": {
+                book: {"onset": own.onset, "windows": own.means, "cells": nested(own.heat)}
+                for book, own in parts.items()
+            },
         }
 
 

@@ -5,14 +5,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from form_drake.diagnose.advice import Limit
+from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.diagnosis import Diagnosis
-from form_drake.diagnose.figures import gaps, moments, overlay, places, ranking, where
+from form_drake.diagnose.figures import gaps, moments, overlay, passes, places, ranking, where
 from form_drake.diagnose.ledger import BOOKS, Ledger
 from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import DETECTED, Score, named_from
 from form_drake.diagnose.thresholds import Nulls
 from form_drake.diagnose.verdict import LEAST
-from form_drake.diagnose.verify import Channel
 from form_drake.report import Report
 
 
@@ -41,9 +41,10 @@ def diagnosis_page(
     _passes(page, found, thresholds)
     if found.channels:
         _held_out(page, found, played)
-    if found.unverified:
+    if found.unverified and not found.channels:
         page.heading("Held-out motion")
-        page.paragraph(f"It is not predicted, and verifies nothing: {found.unverified}.")
+    if found.unverified:
+        page.paragraph(f"Held-out motion verifies nothing: {found.unverified}.")
     _next(page, found, thresholds, command, scenario)
     page.heading("Not verified")
     page.paragraph(nulls.basis)
@@ -138,6 +139,8 @@ def _astray_rows(before: Mapping[str, Astray], after: Mapping[str, Astray]) -> I
 
 
 def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> None:
+    page.heading("Pass by pass")
+    page.figure(passes(found.ledgers), "What is left when each pass begins, by ledger.")
     for n, one in enumerate(found.naming.passes, start=1):
         page.heading(f"Pass {n}: {_added(one.best)}")
         left = float(one.match.left @ one.match.left / len(one.match.left))
@@ -176,11 +179,26 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
         "Errors are root mean squares of the predictions' own: what noise adds to a mean square is taken off."
         " The floor is what noise leaves of them by chance, and closed the share of the gap above it that is."
     )
-    if any(c.counts for c in found.channels):
+    aside = sum(not c.counts for c in found.channels)
+    page.paragraph(
+        f"{aside} of {len(found.channels)} are too near to floor or grid, and count for nothing."
+    )
+    if aside < len(found.channels):
         caption = "Errors before and after, where the gap is clear of floor and grid."
         page.figure(gaps(found.channels), caption)
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
+    if found.removed:
+        page.table(
+            ["without", *(c.name for c in found.channels)],
+            [
+                [r.effect.id, *(f"{c.before:.3g} {c.unit}" for c in r.channels)]
+                for r in found.removed
+            ],
+        )
+        page.paragraph(
+            "Errors where one of the effects is taken out again, all others and the moduli refitted."
+        )
     if found.placebos:
         page.table(
             ["placebo", "fitted", "unit", *(f"{c.name} closed" for c in found.channels)],

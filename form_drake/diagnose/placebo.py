@@ -1,4 +1,4 @@
-"""Wrong effects on held-out motion: what was found must be worth more than they are."""
+"""Held-out motion with wrong effects, and without one of several: what was found must be worth more."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.model import SEARCH, Cause
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.search import matched
 from form_drake.diagnose.verdict import Found, Naming
-from form_drake.diagnose.verify import Channel, Check
+from form_drake.diagnose.verify import Check, Predicted
 from form_drake.effects import Effect
 
 
@@ -37,6 +38,49 @@ class Placebo:
             "coefficient": self.cause.coefficient,
             "gap": [c.to_json() for c in self.channels],
         }
+
+
+@dataclass(frozen=True)
+class Removed:
+    """One of several effects that were found, taken out again.
+
+    Attributes:
+        effect: which.
+        channels: errors on held-out motions without it and with it, all others and the moduli refitted.
+    """
+
+    effect: Effect
+    channels: tuple[Channel, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``discrepancy.json``."""
+        return {"name": self.effect.id, "gap": [c.to_json() for c in self.channels]}
+
+
+def removals(
+    naming: Naming,
+    check: Check,
+    after: Predicted,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Iterator[Removed]:
+    """Each of several effects taken out; what one alone is worth, the errors before and after tell.
+
+    Effects without which nothing can be simulated are passed over.
+
+    Args:
+        naming: with what was added.
+        check: held-out motions.
+        after: predicted with all of it.
+        progress: hears what is tried.
+    """
+    match, count = naming.match.on(SEARCH), len(naming.added)
+    for cause in match.model.causes[-count:] if count > 1 else ():
+        progress(f"without {cause.effect.id}")
+        try:
+            less = matched(match.near(match.model.without(cause)), rough=True)
+            yield Removed(cause.effect, tuple(check.channels(after, check.predicted(less))))
+        except ValueError:
+            continue
 
 
 def placebos(

@@ -1,6 +1,6 @@
 """Recordings of one specimen read for a diagnosis: which test fields and windows, and a first model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +9,10 @@ from form_drake.diagnose.model import FIRM, Model, Scenes, firm
 from form_drake.identify.options import Weighed
 from form_drake.identify.problem import Problem
 from form_drake.identify.solve import require_given
+from form_drake.identify.stated import weak_known
 from form_drake.identify.weak import weighing
 from form_drake.laws import Law
+from form_drake.material import Material
 from form_drake.motion import body, fit_tracks
 from form_drake.records import Recording
 from form_drake.weak.choice import seen_through
@@ -30,6 +32,7 @@ APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
 TURNED = 0.5  # of what forces leave, less than which they leave where their sign is turned
 CLEAR = 1.0  # of the grid spacing, kept from held faces
+AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
 
 
 def fields(recording: Recording, dx: float) -> list[Fields]:
@@ -137,3 +140,27 @@ def problem_of(scenes: Scenes, unknowns: Unknowns, stride: float = STRIDE) -> Pr
     pairs = enumerate(zip(scenes.recordings, scenes.dx, strict=True), start=1)
     probes = [probe(recording, f"probe {n}", dx, stride) for n, (recording, dx) in pairs]
     return Problem.of(probes, unknowns, "borne")
+
+
+def given(recordings: Sequence[Recording], law: Law, start: Model | None) -> dict[str, float]:
+    """Constants that nothing finds, of recordings and of what is begun with.
+
+    Raises:
+        ValueError: no recording holds a force, or ``start`` has other values than they declare.
+    """
+    if not any(r.forces for r in recordings):
+        raise ValueError(
+            "no recording holds a force: the scale of the moduli cannot be told; add"
+            " forces={tool: Stream(...)} to one of them"
+        )
+    known = weak_known(recordings, law, {})
+    if start is None:
+        return known
+    own = Material(start.law, dict(start.values)).parameters()
+    for key, value in known.items():
+        if not np.isclose(own[key].value, value, rtol=AGREED):
+            raise ValueError(
+                f"the material has {key} {own[key].value:g}, the recordings declare {value:g} as known: begin"
+                " with a material that agrees"
+            )
+    return known | {k: start.values[k] for k in start.law.constants("given")}

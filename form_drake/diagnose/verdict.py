@@ -31,7 +31,7 @@ class Found:
         ranked: all scores, best first.
         seen: those above their thresholds.
         best: that which is added, or which stands out in the last pass and is not; None: none does.
-        alike: ids of effects whose columns are of one class with it.
+        alike: ids of effects of one class with it: by their columns, or since no recording tells them apart.
         rivals: ids of effects of other classes whose simulations come as near, or whose columns where
             they were not simulated.
         refused: ids of effects above their thresholds whose simulations explain too little.
@@ -267,9 +267,11 @@ def _judged(found: Found, best: Runner[Match], equal: Sequence[Runner[Match]]) -
     own, tried = best.score, {s.effect.id for s in field(found.seen)}
     least = max(own.score, found.left - best.left) - MARGIN
     near = [s for s in found.ranked if s.score > least and s.effect.id not in tried]
+    ids = {s.effect.id for s in found.ranked}
     others = {s.effect.id: s for s in (*found.seen, *near) if s.effect is not own.effect}
     like = coherence([own, *others.values()])[0, 1:]
     alike = [name for name, c in zip(others, like, strict=True) if c > ALIKE]
+    alike += [name for name in own.effect.same if name not in alike and name in ids]
     rivals = [s.effect.id for s in (*(r.score for r in equal), *near)]
     rivals = [name for name in rivals if name not in alike]
     return replace(found, best=own, alike=tuple(alike), rivals=tuple(rivals))

@@ -1,16 +1,10 @@
-"""What an effect is worth: motions that were held back, predicted without it and with it.
+"""What an effect is worth: motions that were held back, predicted without it and with it."""
 
-What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
-out of the errors before and after alike, so that neither is blamed for it. What noise adds to a mean square
-is taken off, so that a gap far below the noise of one sample is seen where there are many.
-"""
-
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from form_drake.diagnose.channel import Channel, compared, of_balance
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.noise import most
@@ -23,71 +17,7 @@ from form_drake.weak.force import measured
 
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
-SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
-TOLD = 0.02  # share of itself, to which a noise is known
-CLEAR = 3.0  # times what the grid changes: smaller gaps say nothing
-WORSE = 1.05  # times the error before, and
-GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
 SURE = 3.0  # standard deviations, by which a change is another than was predicted
-
-
-@dataclass(frozen=True)
-class Channel:
-    """Errors of predictions of one kind of measurement in one recording, root mean squares beyond noise.
-
-    Attributes:
-        name: of the recording and what is measured.
-        unit: of the errors.
-        before: without the effects.
-        after: with them.
-        noise: of one measurement.
-        samples: number of measurements, whose noise is independent; of the balance, of rows that noise
-            fills on average.
-        grid: what a coarser grid changes of the prediction.
-    """
-
-    name: str
-    unit: str
-    before: float
-    after: float
-    noise: float
-    samples: float
-    grid: float
-
-    @property
-    def floor(self) -> float:
-        """Error whose square is a standard deviation of the mean square of noise, and of what is told of it."""
-        return float(self.noise * (2.0 / self.samples + (2.0 * TOLD) ** 2) ** 0.25)
-
-    @property
-    def counts(self) -> bool:
-        """Whether the gap is clear of noise and of what the grid changes."""
-        return self.before > max(SEEN * self.floor, CLEAR * self.grid)
-
-    @property
-    def worse(self) -> bool:
-        """Whether the effects make the error larger, by more than noise and grid would."""
-        least = np.linalg.norm([WORSE * self.before, SEEN * self.floor, GRID * self.grid])
-        return bool(self.after > least)
-
-    @property
-    def closure(self) -> float:
-        """Share of the gap above the floor that is closed; errors below the floor are none."""
-        gap = self.before - self.floor
-        return (self.before - max(self.after, self.floor)) / max(gap, 1e-300)
-
-    def to_json(self) -> dict[str, Any]:
-        """As in ``discrepancy.json``."""
-        return {
-            "channel": self.name,
-            "unit": self.unit,
-            "before": self.before,
-            "after": self.after,
-            "noise": self.noise,
-            "floor": self.floor,
-            "grid": self.grid,
-            "closure": self.closure if self.counts else None,
-        }
 
 
 @dataclass(frozen=True)
@@ -170,8 +100,7 @@ class Check:
         left = float(np.sum(after.match.gap**2))
         if self.before.match is None:
             return left < most(after.match.chance_apart)
-        before, now = self.before.match.apart, after.match.apart
-        was, change = after.match.by.white(np.stack([before, before - now], axis=1)).T
+        was, change = self._change(after)
         square = float(change @ change)
         if square > LEAST:
             unsure = SURE * float(np.hypot(1.0 / np.sqrt(square), WRONG))
@@ -179,27 +108,47 @@ class Check:
                 return False
         return left < most(after.match.chance_apart) + WRONG**2 * (float(was @ was) - left)
 
-    def channels(self, after: Predicted) -> list[Channel]:
-        """Errors of the model without effects and of another one: of tracks, forces and the balance."""
-        found = []
-        every = (self.before.recordings, self.before.coarse, after.recordings)
+    def shows(self, after: Predicted) -> bool:
+        """Whether effects change held-out motion by more than noise may: else it says nothing of them."""
+        if any(c.counts for c in self.channels(after)):
+            return True
+        _, change = self._change(after)
+        return float(change @ change) > LEAST
+
+    def _change(self, after: Predicted) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the gap before, and what effects change of them, whitened by the weights after."""
+        if self.before.match is None or after.match is None:
+            return np.zeros(0), np.zeros(0)
+        before, now = self.before.match.apart, after.match.apart
+        was, change = after.match.by.white(np.stack([before, before - now], axis=1)).T
+        return was, change
+
+    def channels(self, after: Predicted, before: Predicted | None = None) -> list[Channel]:
+        """Errors of tracks, forces and the balance, by one model and by another.
+
+        Args:
+            after: by the other.
+            before: by the one; None: by that without effects.
+        """
+        before, found = before or self.before, []
+        every = (before.recordings, before.coarse, after.recordings)
         rows = zip(self.measured, *every, strict=True)
-        for n, (seen, before, coarse, other) in enumerate(rows, start=1):
+        for n, (seen, one, coarse, other) in enumerate(rows, start=1):
             tools = [
                 (
                     f"force of {tool} {n}",
                     "N",
                     f.noise,
-                    [r.forces[tool].value for r in (seen, before, coarse, other)],
+                    [r.forces[tool].value for r in (seen, one, coarse, other)],
                 )
                 for tool, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
             ]
             use = there(seen)
-            u = [(r.p_WQ - seen.reference)[use] for r in (seen, before, coarse, other)]
+            u = [(r.p_WQ - seen.reference)[use] for r in (seen, one, coarse, other)]
             tracks = (f"tracks {n}", "m", tracking_noise(seen), u)
-            found += [_channel(*one) for one in (tracks, *tools) if one[-1][0].size]
-        if self.before.match is not None and after.match is not None:
-            found.append(_balance(self.before.match, after.match))
+            found += [compared(*kind) for kind in (tracks, *tools) if kind[-1][0].size]
+        if before.match is not None and after.match is not None:
+            found.append(of_balance(before.match, after.match))
         return found
 
 
@@ -217,22 +166,6 @@ def _read(
 ) -> Predicted:
     match = Match.of(problem, scenes, fitted.told, coarse).anchored(fine)
     return Predicted(fine, coarse, match.doubted(fitted.root))
-
-
-def _balance(before: Match, after: Match) -> Channel:
-    """Rows of the balance, in standard deviations, by the weights after."""
-    grid = np.zeros(len(after.gap)) if after.grid is None else after.grid
-    rows = after.by.white(np.stack([before.apart, after.apart, grid], axis=1))
-    was, now, changed = np.sqrt(np.mean(rows**2, axis=0))
-    noise = float(np.sqrt(after.chance_apart / len(rows)))
-    was, now = _beyond(was, noise), _beyond(now, noise)
-    samples = max(after.chance_apart, 1.0)
-    return Channel("balance", "sigma", was, now, noise, samples, float(changed))
-
-
-def _beyond(error: float, noise: float) -> float:
-    """A root mean square less what noise adds to its square."""
-    return float(np.sqrt(max(error**2 - noise**2, 0.0)))
 
 
 def there(recording: Recording) -> np.ndarray:
@@ -278,17 +211,3 @@ def tracking_noise(recording: Recording) -> float:
     if recording.noise is not None:
         return float(recording.noise)
     return jitter(recording.time, recording.p_WQ - recording.reference, there(recording))
-
-
-def _channel(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -> Channel:
-    """Of what was measured, predicted without effects, on the coarse grid and with them."""
-    seen, before, coarse, other = (v.ravel() for v in values)
-    grid = before - coarse
-    along = grid / max(float(np.linalg.norm(grid)), 1e-300)
-
-    def error(a: np.ndarray) -> float:
-        return _beyond(np.sqrt(np.mean((a - along * (along @ a)) ** 2)), noise)
-
-    size = float(np.sqrt(np.mean(grid**2)))
-    errors = error(seen - before), error(seen - other)
-    return Channel(name, unit, *errors, noise, len(seen), size)

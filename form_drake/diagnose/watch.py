@@ -8,9 +8,10 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.special import chdtri
 
+from form_drake.diagnose.channel import GRID
 from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
-from form_drake.diagnose.verify import COARSER, GRID, there, tracking_noise
+from form_drake.diagnose.verify import COARSER, there, tracking_noise
 from form_drake.records import Recording, Stream
 from form_drake.weak.force import jitter
 

@@ -137,6 +137,7 @@ class Effect:
             sharper than tracks are read; small, for a body of ``LIGHT`` whose shear modulus is ``SOFT``.
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
+        same: ids of effects that no recording tells from it: they are of one class whatever columns show.
     """
 
     id: str
@@ -158,6 +159,7 @@ class Effect:
     trial: float = 0.0
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
+    same: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.world is None) == (self.sensor is None):

@@ -52,6 +52,7 @@ DENSITY = Effect(
     column=lambda reading, shape: reading.mass(reading.m),
     world=lambda scene, size, shape: replace(scene, density=scene.density * (1.0 + size)),
     shown=("shake", "a balance"),
+    same=("force-gain",),
     least=-1.0,
     trial=0.1,
 )

@@ -1,0 +1,109 @@
+"""Errors of predictions of one kind of measurement, before and after effects are added.
+
+What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
+out of the errors before and after alike, so that neither is blamed for it. What noise adds to a mean square
+is taken off, so that a gap far below the noise of one sample is seen where there are many.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from form_drake.diagnose.match import Match
+
+SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
+TOLD = 0.02  # share of itself, to which a noise is known
+CLEAR = 3.0  # times what the grid changes: smaller gaps say nothing
+WORSE = 1.05  # times the error before, and
+GRID = 2.0  # times what the grid changes, which a simulation may have wrong: more is worse
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Errors of predictions of one kind of measurement in one recording, root mean squares beyond noise.
+
+    Attributes:
+        name: of the recording and what is measured.
+        unit: of the errors.
+        before: without the effects.
+        after: with them.
+        noise: of one measurement.
+        samples: number of measurements, whose noise is independent; of the balance, of rows that noise
+            fills on average.
+        grid: what a coarser grid changes of the prediction.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    noise: float
+    samples: float
+    grid: float
+
+    @property
+    def floor(self) -> float:
+        """Error whose square is a standard deviation of the mean square of noise, and of what is told of it."""
+        return float(self.noise * (2.0 / self.samples + (2.0 * TOLD) ** 2) ** 0.25)
+
+    @property
+    def counts(self) -> bool:
+        """Whether the gap is clear of noise and of what the grid changes."""
+        return self.before > max(SEEN * self.floor, CLEAR * self.grid)
+
+    @property
+    def worse(self) -> bool:
+        """Whether the effects make the error larger, by more than noise and grid would."""
+        least = np.linalg.norm([WORSE * self.before, SEEN * self.floor, GRID * self.grid])
+        return bool(self.after > least)
+
+    @property
+    def closure(self) -> float:
+        """Share of the gap above the floor that is closed; errors below the floor are none."""
+        gap = self.before - self.floor
+        return (self.before - max(self.after, self.floor)) / max(gap, 1e-300)
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``discrepancy.json``."""
+        return {
+            "channel": self.name,
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "noise": self.noise,
+            "floor": self.floor,
+            "grid": self.grid,
+            "closure": self.closure if self.counts else None,
+        }
+
+
+def compared(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -> Channel:
+    """Of what was measured, predicted without effects, on the coarse grid and with them."""
+    seen, before, coarse, other = (v.ravel() for v in values)
+    grid = before - coarse
+    along = grid / max(float(np.linalg.norm(grid)), 1e-300)
+
+    def error(a: np.ndarray) -> float:
+        return _beyond(np.sqrt(np.mean((a - along * (along @ a)) ** 2)), noise)
+
+    size = float(np.sqrt(np.mean(grid**2)))
+    errors = error(seen - before), error(seen - other)
+    return Channel(name, unit, *errors, noise, len(seen), size)
+
+
+def of_balance(before: Match, after: Match) -> Channel:
+    """Rows of the balance, in standard deviations, by the weights after."""
+    grid = np.zeros(len(after.gap)) if after.grid is None else after.grid
+    rows = after.by.white(np.stack([before.apart, after.apart, grid], axis=1))
+    was, now, changed = np.sqrt(np.mean(rows**2, axis=0))
+    noise = float(np.sqrt(after.chance_apart / len(rows)))
+    was, now = _beyond(was, noise), _beyond(now, noise)
+    samples = max(after.chance_apart, 1.0)
+    return Channel("balance", "sigma", was, now, noise, samples, float(changed))
+
+
+def _beyond(error: float, noise: float) -> float:
+    """A root mean square less what noise adds to its square."""
+    return float(np.sqrt(max(error**2 - noise**2, 0.0)))
