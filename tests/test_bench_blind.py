@@ -74,7 +74,7 @@ def effect(name, *alike):
 GAP = {"before": 0.8, "after": 0.2, "noise": 0.6, "floor": 0.1, "closure": 0.9}
 
 
-def verdicts(key, seal, out):
+def verdicts(key, seal, out, **more):
     """Verdicts by hand: of the singles one right, one by its class, one wrong."""
     kinds = {}
     for name, truth in key.items():
@@ -87,7 +87,7 @@ def verdicts(key, seal, out):
         one = {"id": name, "verdict": verdict, "named": verdict, "effects": list(effects)}
         one["lesser"] = lesser
         one["placebos"] = [{"gap": [{**GAP, "closure": c}]} for c in placebos]
-        lines.append({**one, "gap": list(gap), "passes": passes, "seconds": 100.0})
+        lines.append({**one, "gap": list(gap), "passes": passes, "seconds": 100.0, **more})
 
     (a, (right,)), (b, (twin,)), (c, _) = kinds["single"]
     told(a, "named", effect(right), gap=[GAP, {**GAP, "closure": None}], placebos=(0.4, 0.1))
@@ -198,7 +198,11 @@ def test_goals_stand_beside_what_was_reached(tmp_path, drawn):
         "50 points" in (less := told["the runner-up closes less by"])
         and "met (goal >= 30 %)" in less
     )
+    assert not any("without simulations" in line for line in told)  # earlier verdicts do not tell
     assert told["verdicts over 1200 s of a core"].endswith("met (goal <= 0)")
+    verdicts(json.loads(key.read_text()), blind.sealed(seal), out, reading=61.0)
+    assert "simulations, most  61" in (text := blind_table.table(score(out, key, seal)))
+    assert "MISSED (goal <= 60)" in text
 
 
 def test_what_thresholds_stand_on_is_in_the_fingerprint(tmp_path, monkeypatch):

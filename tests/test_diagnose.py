@@ -710,7 +710,9 @@ def test_held_out_rows_change_by_as_much_as_was_predicted(monkeypatch, predicted
     gap = there * predicted
     assert borne_out((gap, 0.0), (gap - predicted, 0.0)) is fits
     check, after = rows_of((gap, 0.0), (gap - predicted, 0.0))
-    check = replace(check, before=SimpleNamespace(match=check.before.match, recordings=(), coarse=()))
+    check = replace(
+        check, before=SimpleNamespace(match=check.before.match, recordings=(), coarse=())
+    )
     check.scenes.recordings, own = (), SimpleNamespace(counts=False)
     monkeypatch.setattr(Check, "channels", lambda *a: [own])
     assert check.shows(after) is (predicted > 4.0)

@@ -23,6 +23,7 @@ from form_drake.bench.oracles import recorded, run
 from form_drake.diagnose import diagnosed, thresholds
 from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.score import Score
+from form_drake.diagnose.verdict import ROLLED
 from form_drake.effects import CATALOGUE
 from form_drake.files import plain, read_text, target, write_text
 from form_drake.laws import law_named
@@ -207,6 +208,7 @@ def _placebo(name: str, seal: str) -> int | None:
 
 def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     recordings, begun = case(), _worked()
+    marks = list[tuple[str, float]]()
     chosen = READ[:1] if alone else READ
     found = diagnosed(
         [recordings[n] for n in chosen if n in recordings],
@@ -215,6 +217,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
         thresholds=thresholds(),
         holdout=[recordings["heldout"]] if "heldout" in recordings else [],
         placebo=placebo,
+        progress=lambda text: marks.append((text, _worked())),
     )
     told = found.to_json()
     keys = ("verdict", "failed", "effects", "values", "gap", "unverified", "placebos", "removed")
@@ -234,6 +237,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
         "named": found.naming.verdict,
         "passes": passes,
         "limits": told["passes"][0]["limits"],
+        "reading": next(time for text, time in marks if text == ROLLED) - begun,
         "seconds": seconds,
     }
 

@@ -150,6 +150,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         **before(results, truth),
         "ablation": _ablation(results, truth),
         "seconds": _seconds(worked) if worked else {},
+        "reading": [float(one["reading"]) for one in results if "reading" in one],
         "errors": [one["id"] for one in results if one["verdict"] == "error"],
     }
 

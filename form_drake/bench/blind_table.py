@@ -1,6 +1,6 @@
 """What sealed verdicts are worth, as printed, beside what is wanted of them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from form_drake.bench.blind_score import wilson
 from form_drake.diagnose.verdict import LEAST
 
 Result = Mapping[str, Any]
+READING = 60.0  # seconds that a diagnosis may take before it simulates
 HOURS = 8.0  # that two cores may take for the whole set
 RATES = {  # shares of the cases: at least, or at most
     "right class, strong singles": (">=", 0.98),
@@ -25,7 +26,8 @@ def table(result: Result) -> str:
     """As printed."""
     lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
     lines += [_rate(name, rate["hits"], rate["of"]) for name, rate in result["rates"].items()]
-    lines += [*_sizes(result["sizes"]), *_held_out(result), *_time(result["seconds"])]
+    lines += [*_sizes(result["sizes"]), *_held_out(result)]
+    lines += _time(result["seconds"], result["reading"])
     for way, own in result["ablation"].items():
         lines += [
             _rate(f"columns alone, {way}: {told}", *own[k])
@@ -102,7 +104,11 @@ def _held_out(result: Result) -> Iterator[str]:
         yield _value("the runner-up closes less by", less, told, ">=", 0.30, "%")
 
 
-def _time(seconds: Result) -> Iterator[str]:
+def _time(seconds: Result, reading: Sequence[float]) -> Iterator[str]:
+    if reading:
+        most = max(reading)
+        name = "seconds of a core without simulations, most"
+        yield _value(name, most, f"{most:.0f}", "<=", READING)
     if seconds:
         hours = seconds["all"] / 7200.0
         yield _value("hours of two cores, without making cases", hours, f"{hours:.1f}", "<=", HOURS)

@@ -18,6 +18,7 @@ from form_drake.identify.problem import Problem
 MOST = 2  # effects: three at once are less likely than one that no catalogue has
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
 WRONG = 0.08  # of what effects change, that their simulation may have wrong
+ROLLED = "simulating the twin"  # what is told when all is read
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
 
@@ -109,7 +110,7 @@ def named(
     Raises:
         ValueError: a scene cannot be simulated.
     """
-    progress("simulating the twin")
+    progress(ROLLED)
     begun = Match.of(problem, scenes, start)
     match, passes, failed = matched(begun, rough=True), list[Found](), ""
     gone = set[str]()
