@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from form_drake.diagnose.recorded import motions
 from form_drake.diagnose.score import DETECTED
 from form_drake.diagnose.verdict import Found, Naming
 from form_drake.effects import Effect
@@ -135,8 +136,8 @@ class Advice:
 
 
 def _recorded(naming: Naming) -> frozenset[str]:
-    probes = naming.passes[0].match.problem.probes
-    return frozenset("press" if probe.forces else "shake" for probe in probes)
+    recordings = naming.passes[0].match.scenes.recordings
+    return frozenset[str]().union(*map(motions, recordings))
 
 
 def _pairs(found: Found, recorded: Set[str]) -> list[Apart]:
