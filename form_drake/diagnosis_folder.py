@@ -17,7 +17,6 @@ from form_drake.records import Recording, read, write_recording
 from form_drake.report import Report
 
 PLAYED = "before_after.html"
-NEXT = "next.yaml"
 UPRIGHT = 0.999  # of gravity, that pulls down, where a station does what was recorded elsewhere
 
 
@@ -30,7 +29,7 @@ def write_diagnosis(
     effects: Path | None = None,
     finish: Callable[[Report], None] = lambda page: None,
 ) -> dict[str, Any]:
-    """Write ``discrepancy.json``, ``material.yaml``, ``report.html``, what plays held-out motion, and ``next.yaml``.
+    """Write ``discrepancy.json``, ``material.yaml``, ``report.html``, what plays held-out motion, and ``next*.yaml``.
 
     Args:
         found: of a diagnosis.
@@ -44,13 +43,14 @@ def write_diagnosis(
         What ``discrepancy.json`` holds.
     """
     told = found.to_json()
-    told["advice"] |= {"command": command, "scenario": _advise(found, folder) or None}
+    told["advice"] |= {"command": command, "scenarios": _advise(found, folder)}
     found.material.write(folder / "material.yaml")
     told["written"] = _again(found, folder / "material.yaml", effects)
     write_json(folder / "discrepancy.json", told)
     played = _play(found, folder)
-    scenario = told["advice"]["scenario"] or ""
-    page = diagnosis_page(found, nulls, command=command, scenario=scenario, played=played)
+    page = diagnosis_page(
+        found, nulls, command=command, scenarios=told["advice"]["scenarios"], played=played
+    )
     for one in told["written"]:
         page.paragraph(_sentence(one))
     finish(page)
@@ -118,8 +118,8 @@ def _play(found: Diagnosis, folder: Path) -> str:
     return PLAYED
 
 
-def _advise(found: Diagnosis, folder: Path) -> str:
-    """Name of a scenario in which the station does what should be recorded next; "": it cannot."""
+def _advise(found: Diagnosis, folder: Path) -> list[str]:
+    """Names of scenarios in which the station does what should be recorded next, as far as it can."""
     from form_drake.systems.advised import advised
     from form_drake.systems.probe import planned
     from form_drake.systems.scenario import load_scenario
@@ -127,15 +127,13 @@ def _advise(found: Diagnosis, folder: Path) -> str:
     seen = found.naming.passes[0].match.scenes.recordings[0]
     gravity, shape = np.asarray(seen.gravity), body(seen)
     if seen.gravity is None or not -gravity[2] > UPRIGHT * np.linalg.norm(gravity):
-        return ""
+        return []
     foot = next(f.condition for f in shape.faces if f.axis == 2 and not f.side)
-    text = advised(found.advice.motions, shape.low, shape.high, foot, found.material)
-    if not text:
-        return ""
-    write_text(folder / NEXT, text)
-    try:
-        planned(load_scenario(folder / NEXT))
-    except ValueError:  # the arm cannot do it
-        (folder / NEXT).unlink()
-        return ""
-    return NEXT
+    made = advised(found.advice.motions, shape.low, shape.high, foot, found.material)
+    for name, text in made.items():
+        write_text(folder / name, text)
+        try:
+            planned(load_scenario(folder / name))
+        except ValueError:  # the arm cannot do it
+            (folder / name).unlink()
+    return [name for name in made if (folder / name).is_file()]

@@ -80,10 +80,11 @@ def rooted(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _merged(base: Any, over: Any) -> Any:
-    """``over`` on top of ``base``, mapping by mapping; lists are replaced."""
+    """``over`` on top of ``base``, mapping by mapping; lists are replaced, and null takes an entry out."""
     if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
         return over
-    return {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
+    merged = {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
+    return {k: v for k, v in merged.items() if v is not None}
 
 
 def change(content: dict[str, Any], told: str) -> None:

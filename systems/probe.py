@@ -48,7 +48,7 @@ def planned(scenario: Scenario) -> Trajectory:
         raise ValueError(f"probe.waypoints: times must increase from 0, got {stamps.tolist()}")
     if any(len(w.p_WT) != 3 for w in waypoints):
         raise ValueError("probe.waypoints: p_WT are three numbers [m]")
-    arm = Arm.load(directives(scenario), tool=scenario.probe.tool, packages=scenario.packages)
+    arm = _arm(scenario)
     R_WT = tool_rotation(scenario)
     places = [w.p_WT for w in waypoints]
 
@@ -56,6 +56,24 @@ def planned(scenario: Scenario) -> Trajectory:
         return RigidTransform(R_WT, smooth(stamps, places, time))
 
     return timed_path(arm, X_WT, float(stamps[-1]))
+
+
+def _arm(scenario: Scenario) -> Arm:
+    return Arm.load(directives(scenario), tool=scenario.probe.tool, packages=scenario.packages)
+
+
+def begun(scenario: Scenario, motion: Trajectory) -> np.ndarray:
+    """Joint angles with which the tool holds what is bonded to it [rad], shape [7].
+
+    Of a specimen that hangs from it the arm bears the weight, and gives way by it, while the glue sets.
+    """
+    q, specimen = motion.value(0.0).ravel(), scenario.specimen
+    if list(specimen.contact.values()) != ["bonded"]:
+        return q
+    arm, volume = _arm(scenario), np.prod(np.ptp(specimen_corners(scenario), axis=0))
+    gravity = arm.plant.gravity_field().gravity_vector()
+    weight = specimen.made().density * volume * gravity
+    return q + arm.jacobian(q)[3:].T @ weight / np.array(scenario.panda.stiffness)
 
 
 @dataclass(frozen=True)
@@ -106,8 +124,9 @@ def prepare(
         effects: of which the scenario may name some, by id.
     """
     builder = DiagramBuilder()
-    station = make_station(scenario, effects=effects, meshcat=meshcat, view=view)
     motion = planned(scenario)
+    start = begun(scenario, motion)
+    station = make_station(scenario, start=start, effects=effects, meshcat=meshcat, view=view)
     _long_enough(scenario, motion.end_time(), scenario.stereo.rate if seen else None)
     source = builder.AddSystem(station.diagram)
     follow = Follow(until_force=scenario.probe.until_force)

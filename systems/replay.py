@@ -72,7 +72,8 @@ def replay(
         raise ValueError(
             f"drive force: with {', '.join(wrong)} the recorded force is not what acted; choose pose"
         )
-    station = make_station(scenario, material=material, effects=effects)
+    start = None if recording.joints is None else recording.joints.value[0]
+    station = make_station(scenario, start=start, material=material, effects=effects)
     tool = station.tool.body().name()
     for name, streams in (("poses", recording.poses), ("force", recording.forces)):
         if tool not in streams:

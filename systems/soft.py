@@ -276,7 +276,7 @@ def AddMaterial(
         device=device,
     )
     still, whole = default_motions(plant, found), scene.simulation.body
-    bearable(plant, found, still, replace(whole, x=scene.rest))
+    scene.bear(bearable(plant, found, still, replace(whole, x=scene.rest)))
     scene.tie(still)
     system = builder.AddSystem(MaterialSystem(scene, found, period=period, settle=settle))
     system.set_name("material")

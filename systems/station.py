@@ -1,6 +1,6 @@
 """A scenario as one diagram: arm, tool, soft material and sensors, with the ports of the real robot."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,6 +77,7 @@ def make_station(
     scenario: Scenario,
     *,
     hardware: bool = False,
+    start: Sequence[float] | None = None,
     material: Material | None = None,
     effects: Mapping[str, Effect] = CATALOGUE,
     meshcat: Meshcat | None = None,
@@ -94,6 +95,7 @@ def make_station(
     Args:
         scenario: what it holds.
         hardware: the real arm instead of the simulated one.
+        start: joint angles by default [rad], with which tools hold material that is bonded to them.
         material: simulated instead of the scenario's.
         effects: of which materials may name some, by id.
         meshcat: that shows it.
@@ -112,6 +114,8 @@ def make_station(
     scenario.panda.compensated = sorted({*scenario.panda.compensated, held})
     apply_panda(plant, scenario.panda)
     plant.Finalize()
+    for joint, angle in zip(arm_joints(plant, ARM), () if start is None else start, strict=False):
+        joint.set_default_angle(angle)
     panda = add_panda(builder, plant, scenario.panda)
     material = material or scenario.specimen.made()
     soft = _soft(scenario, material, effects, builder, plant, scene_graph)

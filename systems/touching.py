@@ -99,8 +99,8 @@ def default_motions(plant: MultibodyPlant, touching: Sequence[Touching]) -> Moti
 
 def bearable(
     plant: MultibodyPlant, touching: Sequence[Touching], still: Motions, body: Body
-) -> None:
-    """Refuse moving bodies that hold material of more inertia than their own.
+) -> np.ndarray:
+    """Inertia of the material that moving bodies hold, by their own, shape [geometries].
 
     Material follows them in a period, and they its push in the next: they would throw each other.
 
@@ -111,8 +111,9 @@ def bearable(
         body: particles in W.
 
     Raises:
-        ValueError: names one, and says what it holds.
+        ValueError: it is as much as that, or more: names one, and says what it holds.
     """
+    shares = np.zeros(len(touching))
     context, world = plant.CreateDefaultContext(), plant.world_frame()
     for n, t in enumerate(touching):
         holder = plant.get_body(t.body)
@@ -130,3 +131,5 @@ def bearable(
                 f"{t.name} holds {1e3 * body.mass[inside].sum():.3g} g of material, whose inertia is"
                 f" {share:.3g} times its own: make it heavier than what it holds"
             )
+        shares[n] = share
+    return shares

@@ -594,5 +594,5 @@ def test_no_scenario_is_advised_where_the_station_has_another_scene(
         naming = replace(diagnosis.naming, passes=(first, *diagnosis.naming.passes[1:]))
         return _advise(replace(diagnosis, naming=naming), tmp_path)
 
-    assert wanted(replace(block(), **change)) == "" and not list(tmp_path.iterdir())
-    assert wanted(block()) == "next.yaml" and (tmp_path / "next.yaml").exists()
+    assert wanted(replace(block(), **change)) == [] and not list(tmp_path.iterdir())
+    assert wanted(block()) == ["next.yaml"] and (tmp_path / "next.yaml").exists()

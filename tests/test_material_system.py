@@ -395,6 +395,37 @@ def test_a_body_bears_less_than_its_own_inertia():
             pushed(700.0, grid)
 
 
+@pytest.mark.parametrize("grid", GRIDS)
+def test_what_a_body_holds_is_where_the_body_is(grid):
+    """A turning box that falls: held by velocities alone, its content would lag a step of 1 mm behind it."""
+    builder = DiagramBuilder()
+    config = MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False)
+    plant, scene_graph = AddMultibodyPlant(config, builder)
+    cube, own = Box(0.02, 0.02, 0.02), SpatialInertia.SolidBoxWithDensity(4000.0, *[0.02] * 3)
+    box = plant.AddRigidBody("box", own)
+    plant.RegisterCollisionGeometry(box, RigidTransform(), cube, "box", CoulombFriction(0.3, 0.3))
+    plant.Finalize()
+    told = {"dx": 4e-3, "grid": grid, "contact": {"box": "bonded"}, "precision": "float64"}
+    told["region"] = np.array([[-0.02, -0.02, -0.08], [0.02, 0.02, 0.02]])
+    soft = AddMaterial(
+        builder, plant, scene_graph, SOFT, Box(*[0.012] * 3), RigidTransform(), **told
+    )
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    state = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetFreeBodySpatialVelocity(state, box, SpatialVelocity([0.0, 5.0, 0.0], np.zeros(3)))
+    simulator.AdvanceTo(0.1)
+    simulator.AdvancePendingEvents()
+    context = simulator.get_context()
+    X_WB = plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), box)
+    assert X_WB.translation()[2] == pytest.approx(-0.05, abs=2e-3)
+    seen = soft.snapshot(soft.GetMyContextFromRoot(context)).p_WQ
+    off = np.linalg.norm(
+        seen - soft.scene.rest @ X_WB.rotation().matrix().T - X_WB.translation(), axis=1
+    )
+    assert off.max() < 1e-4
+
+
 def test_half_space_cannot_be_filled():
     with pytest.raises(ValueError, match="half-space"):
         particles(HalfSpace(), RigidTransform(), 1e-3)

@@ -9,12 +9,13 @@ import yaml
 
 from form_drake.__main__ import main
 from form_drake.control import smooth
+from form_drake.diagnose.recorded import motions
 from form_drake.effects import CATALOGUE
 from form_drake.identify import identify
 from form_drake.laws import LAWS
 from form_drake.material import Material
 from form_drake.records import read, write_recording
-from form_drake.systems.advised import MOTIONS, advised
+from form_drake.systems.advised import MOTIONS, PUSHES, SHAKES, advised
 from form_drake.systems.layers import named
 from form_drake.systems.probe import begin, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
@@ -60,14 +61,14 @@ def pressed():
 def test_named_scenarios_load_and_say_their_truth():
     assert named() == [
         *("bend_a", "bend_arm_a", "bend_arm_b", "bend_b"),
-        *("press_a", "press_b", "press_elastic"),
+        *("press_a", "press_b", "press_elastic", "shake_elastic"),
     ]
     values = {name: truth(load_scenario(name))["values"] for name in named()}
     assert values["press_a"]["tau_y"] == 1e3 and values["press_b"]["tau_y"] == 1e4
     for name, v in values.items():
-        nu = 0.3 if name.startswith("press") else 0.45
+        nu = 0.45 if name.startswith("bend") else 0.3
         E = 240e3 if name.startswith("bend") and name.endswith("_b") else 80e3
-        E = 30e3 if name == "press_elastic" else E
+        E = 30e3 if name.endswith("elastic") else E
         assert v["mu"] * 2.0 * (1.0 + nu) == pytest.approx(E)
 
 
@@ -77,6 +78,7 @@ def test_changes_and_inheritance():
     assert scenario.specimen.material["tau_y"] == 1e3
     assert scenario.specimen.material["nu"] == 0.3  # from press
     assert scenario.measure.points == 7
+    assert load_scenario("shake_elastic").specimen.contact == {"press_plate": "bonded"}  # null
 
 
 def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
@@ -459,7 +461,10 @@ def test_motions_that_a_diagnosis_advises_are_a_scenario(tmp_path):
     assert set(MOTIONS) < shown
     soft = Material(LAWS["neo-hookean"], {"C10": 5e3, "kappa": 4e4}, 1100.0)
     box = np.array([-0.016, -0.02, 0.0]), np.array([0.016, 0.02, 0.03])
-    text = advised(sorted(shown), *box, "frictionless", soft)
+    assert set(SHAKES) | set(PUSHES) < shown
+    made = advised(sorted(shown), *box, "frictionless", soft)
+    assert set(made) == {"next.yaml", "next-shake.yaml"}  # what slides is not pushed
+    text = made["next.yaml"]
     (tmp_path / "next.yaml").write_text(text)
     scenario = load_scenario(tmp_path / "next.yaml")
     made = scenario.specimen.made()
@@ -470,4 +475,32 @@ def test_motions_that_a_diagnosis_advises_are_a_scenario(tmp_path):
     assert heights.max() == pytest.approx(0.081) and heights.min() == pytest.approx(0.074)
     assert heights[0] == heights[-1] == heights.max()  # it begins and ends without contact
     assert prepare(scenario).duration == scenario.probe.waypoints[-1].time  # the arm gets there
-    assert advised(["shake", "a balance"], *box, "bonded", soft) == ""
+    assert advised(["a ruler", "a balance"], *box, "bonded", soft) == {}
+    assert advised(["shake"], box[0], 3.0 * box[1], "bonded", soft) == {}  # too wide for the plate
+
+
+def test_blocks_that_are_shaken_hang_from_the_plate_and_those_that_are_pushed_stand(tmp_path):
+    soft = Material(LAWS["neo-hookean"], {"C10": 5e3, "kappa": 4e4}, 1100.0)
+    box = np.array([-0.016, -0.02, 0.0]), np.array([0.016, 0.02, 0.03])
+    wanted = ["shake", "shakes along two directions", "a push from the side"]
+    made, told = advised(wanted, *box, "bonded", soft), {}
+    for name, text in made.items():
+        (tmp_path / name).write_text(text)
+        changes = ("measure.points=30", "solver.dx=0.006", "measure.rate=100")
+        scenario = load_scenario(tmp_path / name, changes)
+        told[name] = recording = record(prepare(scenario))
+        low, high = (np.array(recording.geometry[k].split(), float) for k in ("low", "high"))
+        assert low == pytest.approx([0.484, -0.02, 0.05]) and high[2] == pytest.approx(0.08)
+        assert recording.contact["z+"] == "bonded press_plate"
+    shake, push = told["next-shake.yaml"], told["next-push.yaml"]
+    assert motions(shake.measured_by("sensor")) == {"shake", "shakes along two directions"}
+    assert shake.contact["z-"] == "free" and push.contact["z-"] == "bonded specimen_stand"
+    weight = 9.81 * 1100.0 * 0.032 * 0.04 * 0.03
+    hanging = shake.forces["press_plate"].value[:10, 2].mean()
+    assert hanging == pytest.approx(-weight, rel=0.05)
+    for one, least, most in ((shake, 3e-3, 6e-3), (push, 2e-3, 4e-3)):
+        moved = one.p_WQ - one.p_WQ[0]
+        top = one.reference[:, 2] > 0.07
+        assert least < np.abs(moved[:, top, 0]).max() < most
+    foot = push.reference[:, 2] < 0.055
+    assert np.abs((push.p_WQ - push.p_WQ[0])[:, foot]).max() < 1e-3

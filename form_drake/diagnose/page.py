@@ -1,6 +1,6 @@
 """The report of a diagnosis: one HTML page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def diagnosis_page(
     nulls: Nulls,
     *,
     command: str = "",
-    scenario: str = "",
+    scenarios: Sequence[str] = (),
     played: str = "",
 ) -> Report:
     """The page, yet to be written.
@@ -30,7 +30,7 @@ def diagnosis_page(
         found: of a diagnosis.
         nulls: that its thresholds come from.
         command: that diagnoses again with a further recording.
-        scenario: name of the file in which the station does what should be recorded next.
+        scenarios: names of files in which the station does what should be recorded next.
         played: name of the file that plays a held-out motion.
     """
     page, thresholds = Report(found.sentence()), nulls.thresholds
@@ -45,7 +45,7 @@ def diagnosis_page(
         page.heading("Held-out motion")
     if found.unverified:
         page.paragraph(f"Held-out motion verifies nothing: {found.unverified}.")
-    _next(page, found, thresholds, command, scenario)
+    _next(page, found, thresholds, command, scenarios)
     page.heading("Not verified")
     page.paragraph(nulls.basis)
     return page
@@ -228,16 +228,21 @@ def _closed(channel: Channel) -> str:
 
 
 def _next(
-    page: Report, found: Diagnosis, thresholds: Mapping[str, float], command: str, scenario: str
+    page: Report,
+    found: Diagnosis,
+    thresholds: Mapping[str, float],
+    command: str,
+    scenarios: Sequence[str],
 ) -> None:
     """What these recordings can show, and what to record next."""
     advice = found.advice
     page.heading("What to record next")
     for sentence in advice.sentences() or ("These recordings leave nothing open.",):
         page.paragraph(sentence)
-    if scenario:
+    if scenarios:
         page.paragraph(
-            f"{scenario} has the arm of a station do what it can of these motions, for form-drake simulate."
+            "The arm of a station does what it can of these motions by form-drake simulate with:"
+            f" {', '.join(scenarios)}."
         )
     if command:
         page.paragraph(f"With a further recording NEXT.h5: {command}")

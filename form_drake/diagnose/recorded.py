@@ -56,12 +56,13 @@ class Leg:
 def motions(recording: Recording) -> frozenset[str]:
     """As effects name them; of a tool that touches no face nothing is told."""
     found, shape = set[str](), body(recording)
-    for face in shape.faces:
+    held = [face for face in shape.faces if face.condition != "free"]
+    for face in held:
         if (pose := recording.poses.get(face.tool)) is None:
             continue
         height = float(shape.high[face.axis] - shape.low[face.axis])
         force = recording.forces.get(face.tool)
-        if force is None:
+        if force is None or len(held) == 1:  # nothing that it could press against
             found.update(_shake(pose))
         else:
             found.update(_press(face, pose, force, height))
