@@ -139,8 +139,6 @@ def _place(
 
 def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
     """When something is left: mean squares of windows, first and last, and what noise may reach."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     figure = _figure(5.0 * len(before), 3.2)
     for n, (first, last) in enumerate(zip(before, after, strict=True)):
         axes = figure.add_subplot(1, len(before), n + 1)
@@ -150,15 +148,22 @@ def moments(before: Sequence[Ledger], after: Sequence[Ledger]) -> Any:
         axes.plot(first.time, first.limit / rows, "k--", lw=1, label="limit of noise")
         if first.onset is not None:
             axes.axvline(first.onset, color="tab:red", lw=1, label="onset")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        _decades(axes)
         axes.set_title(first.name)
         axes.set_xlabel("middle of the window [s]")
         axes.set_ylabel("mean square left over")
         axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4)
     return figure
+
+
+def _decades(axes: Any) -> None:
+    """A logarithmic axis upwards that is labelled in plain numbers."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def passes(found: Sequence[Sequence[Ledger]]) -> Any:
@@ -171,7 +176,7 @@ def passes(found: Sequence[Sequence[Ledger]]) -> Any:
             if None not in means:
                 axes.plot(np.arange(1, len(told) + 1), means, "o-", label=book)
         axes.axhline(1.0, color="k", ls="--", lw=1, label="noise")
-        axes.set_yscale("log")
+        _decades(axes)
         axes.set_xticks(np.arange(1, len(told) + 1))
         axes.set_title(told[0].name)
         axes.set_xlabel("pass")

@@ -188,6 +188,16 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
         page.figure(gaps(found.channels), caption)
     if played:
         page.paragraph(f"{played} plays the first of them: measured, predicted before and after.")
+    _otherwise(page, found)
+    if found.check is None or found.after is None:
+        return
+    pairs = zip(found.check.before.recordings, found.after.recordings, strict=True)
+    for seen, (a, b) in zip(found.check.measured, pairs, strict=True):
+        page.figure(overlay(seen, a, b), "Measured and predicted.")
+
+
+def _otherwise(page: Report, found: Diagnosis) -> None:
+    """Held-out motion without one of several effects, and with wrong ones."""
     if found.removed:
         page.table(
             ["without", *(c.name for c in found.channels)],
@@ -216,11 +226,6 @@ def _held_out(page: Report, found: Diagnosis, played: str) -> None:
             "Placebos are effects of other classes, fitted to the same recordings: the best of them by"
             " its score, and one drawn by lot. What is named should close more than they do."
         )
-    if found.check is None or found.after is None:
-        return
-    pairs = zip(found.check.before.recordings, found.after.recordings, strict=True)
-    for seen, (a, b) in zip(found.check.measured, pairs, strict=True):
-        page.figure(overlay(seen, a, b), "Measured and predicted.")
 
 
 def _closed(channel: Channel) -> str:
