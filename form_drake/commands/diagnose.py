@@ -87,6 +87,8 @@ class Diagnose:
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
         )
+        if found.after is not None:
+            say("predicting it once more, with the material as it is written ...")
         command = self._again(out)
         with whole_folder(out) as folder:
             told = write_diagnosis(found, nulls, folder, command=command, effects=self.effects)
