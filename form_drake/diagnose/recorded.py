@@ -19,10 +19,8 @@ FAST = 0.2  # of the body's height, in a second
 HELD, WAITED, APART, BETWEEN = 0.15, 0.3, 0.1, 0.1  # [s]: the last at most, the others at least
 LIGHT = 0.1  # of the whole way, below which a body is let go
 DEPTHS, SPEEDS = 1.5, 10.0  # times, by which depths and speeds differ at least
-NONE, NOISE = (
-    3.0,
-    0.01,
-)  # times its noise, below which a force is none; of the largest, if none is stated
+NONE = 3.0  # times its noise, below which a force is none
+NOISE = 0.01  # of the largest force, where no noise is stated
 ACROSS = 0.2  # of the way along one direction, which a shake along two has along the other
 
 
