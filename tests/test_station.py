@@ -16,8 +16,9 @@ from form_drake.laws import LAWS
 from form_drake.material import Material
 from form_drake.records import read, write_recording
 from form_drake.systems.advised import MOTIONS, PUSHES, SHAKES, advised
+from form_drake.systems.arm import Arm
 from form_drake.systems.layers import named
-from form_drake.systems.probe import begin, planned, prepare, record, tracked, truth
+from form_drake.systems.probe import begin, begun, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
 from form_drake.systems.scenario import (
     Waypoint,
@@ -27,7 +28,7 @@ from form_drake.systems.scenario import (
     load_scenario,
     scenario_text,
 )
-from form_drake.systems.station import make_station, specimen_corners
+from form_drake.systems.station import directives, make_station, specimen_corners
 
 COARSE = ("solver.dx=0.005", "solver.mass_scale=40", "measure.points=60")
 HUGE = "1" + "0" * 400
@@ -504,3 +505,28 @@ def test_blocks_that_are_shaken_hang_from_the_plate_and_those_that_are_pushed_st
         assert least < np.abs(moved[:, top, 0]).max() < most
     foot = push.reference[:, 2] < 0.055
     assert np.abs((push.p_WQ - push.p_WQ[0])[:, foot]).max() < 1e-3
+
+
+def test_an_arm_that_holds_a_hanging_block_begins_where_springs_and_weight_balance():
+    scenario = load_scenario("shake_elastic")
+    motion, mass = (
+        planned(scenario),
+        np.prod([0.03, 0.03, 0.025]) * scenario.specimen.made().density,
+    )
+    arm = Arm.load(directives(scenario), tool="press_plate::tool", packages=scenario.packages)
+    q, start = motion.value(0.0).ravel(), begun(scenario, motion)
+
+    def energy(angles):  # of the joints' springs and of the block
+        springs = np.array(scenario.panda.stiffness) @ (angles - q) ** 2 / 2.0
+        return springs + mass * 9.81 * arm.pose(angles).translation()[2]
+
+    def pull(angles, step=1e-6):
+        return [
+            (energy(angles + step * e) - energy(angles - step * e)) / (2.0 * step)
+            for e in np.eye(7)
+        ]
+
+    assert np.abs(pull(start)).max() < 1e-3 * np.abs(pull(q)).max()
+    standing = load_scenario("press_elastic")
+    path = planned(standing)
+    assert np.array_equal(begun(standing, path), path.value(0.0).ravel())
