@@ -44,6 +44,7 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     name: import_module(f"form_drake.bench.{name.replace('-', '_')}").table for name in BENCHES
 }
 TABLES |= {"speed-cuda": TABLES["speed"], "probes-dx": TABLES["probes"]}
+SEALED = {"blind": "blind.json", "blind-second": "second/blind.json"}
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
 API = {
@@ -238,9 +239,9 @@ def effects_table() -> str:
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
-def sealed_table(folder: Path) -> str:
-    """What the verdicts on a sealed set are worth."""
-    files = (folder / f for f in ("blind.json", "key.json", "key.sha256"))
+def sealed_table(verdicts: Path) -> str:
+    """What the verdicts on a sealed set are worth, whose key lies beside them."""
+    files = (verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
     return f"\n```text\n{blind_table.table(blind_score.score(*files))}\n```\n\n"
 
 
@@ -452,10 +453,10 @@ def api_page() -> str:
 def pages() -> dict[Path, str]:
     """Every page that the code determines, as it must be."""
     theory, recording = DOCS / "theory.md", DOCS / "recording.md"
-    effects, sealed = DOCS / "effects.md", DOCS / "blind"
+    effects = DOCS / "effects.md"
     told = marked(effects.read_text(), "effects", effects_table())
-    for name, folder in {"blind": sealed, "blind-second": sealed / "second"}.items():
-        told = marked(told, name, sealed_table(folder))
+    for name, verdicts in SEALED.items():
+        told = marked(told, name, sealed_table(DOCS / "blind" / verdicts))
     layout = marked(recording.read_text(), "layout", layout_table())
     layout = marked(layout, "solver", settings_table(Solver))
     return {

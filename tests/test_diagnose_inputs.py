@@ -1,0 +1,171 @@
+"""What recordings must state before a diagnosis reads them, and what they declare."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from form_drake.__main__ import main
+from form_drake.diagnose import Model, prepare, verify
+from form_drake.diagnose import diagnosed as diagnosis
+from form_drake.diagnose.match import Match
+from form_drake.diagnose.motions import Block
+from form_drake.laws import LAWS, law_named
+from form_drake.records import Stream, write_recording
+from form_drake.weak.unknowns import Unknowns
+
+DX = 0.004
+LAW, TRUTH = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
+BLOCK = Block(size=(0.02, 0.02, 0.02), points=120, rate=150.0, stamps=150.0, law=LAW.name)
+PROBE = BLOCK.press("bonded", 0.4)
+
+
+def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys):
+    """As a probe of the station is recorded, whose arm feels the force as well."""
+    (stamps, still), felt = (PROBE.forces["plate"].time, PROBE.forces["plate"].value), {}
+    both = {"plate": Stream(stamps, still), "plate:joint-torque": Stream(stamps, still + 2.0)}
+    path = str(tmp_path / "probe.h5")
+    write_recording(replace(PROBE, forces=both, noise=2e-5), tmp_path / "probe.h5")
+
+    def diagnosed(recordings, law, **how):
+        felt.update({name: float(f.value.max()) for name, f in recordings[0].forces.items()})
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    out = str(tmp_path / "out")
+    for source, largest in (("sensor", 0.0), ("joint-torque", 2.0)):
+        assert main(["diagnose", path, "--out", out, "--force", source]) == 2
+        assert felt == {"plate": largest} and "far enough" in capsys.readouterr().err
+    assert main(["diagnose", path, "--out", out, "--force", "scales"]) == 2
+    assert "no force comes from scales; the recording has" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("known", "values"),
+    [
+        ({"lam": 40e3}, {"mu": 24e3, "lam": 40e3}),
+        ({"nu": 1.0 / 3.0}, {"mu": 24e3, "lam": 48e3}),
+        ({"mu": 20e3, "lam": 40e3}, {"mu": 20e3, "lam": 40e3}),
+    ],
+)
+def test_what_is_declared_as_known_stays_while_a_twin_is_fitted(known, values):
+    unknowns = Unknowns.of(LAW, known, "law")
+    model, twin = Model(LAW, TRUTH), SimpleNamespace(coordinates=lambda v: (np.zeros(0), theta))
+    theta = np.array([TRUTH["mu"], TRUTH["lam"]])
+    problem = SimpleNamespace(unknowns=unknowns, values=lambda eta: {})
+    match = Match(problem, twin, None, None, model, None)
+    assert match.valued(np.zeros(len(unknowns.keys))) == pytest.approx(TRUTH)
+    phi = match._phi
+    assert match.valued(0.2 * phi) == pytest.approx(values)
+    assert np.allclose(match.within(9.0 * phi), phi)  # twice as large, at most
+
+
+def test_a_diagnosis_begins_with_what_recordings_declare(monkeypatch):
+    told = {}
+
+    def reading(scenes, law, known):
+        told.update(known)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("form_drake.diagnose.diagnosis.read", reading)
+    seen, more = replace(PROBE, known={"lam": 40e3}, noise=2e-5), {"effects": [], "thresholds": {}}
+    for start in (None, Model(LAW, TRUTH)):
+        told.clear()
+        with pytest.raises(ValueError, match="far enough"):
+            diagnosis([seen], LAW, start=start, dx=DX, **more)
+        assert told == {"lam": 40e3}
+    with pytest.raises(
+        ValueError, match="the material has lam 42000, the recordings declare 40000"
+    ):
+        diagnosis([seen], LAW, start=Model(LAW, TRUTH | {"lam": 42e3}), dx=DX, **more)
+
+
+def test_constants_that_nothing_finds_are_asked_for_where_they_can_be_stated():
+    with pytest.raises(ValueError, match="needs given values for n: state them in a --material"):
+        prepare.read(None, law_named(f"{LAW.name}+rate-dependence"), {})
+
+
+BAD = {  # what recordings lack, and what is said
+    "no poses": (lambda r: {"poses": {}}, "add its poses"),
+    "no faces": (lambda r: {"contact": {"z-": "bonded floor", "z+": "bonded plate"}}, "is unknown"),
+    "short poses": (
+        lambda r: {"poses": {"plate": Stream(r.time[:20], r.poses["plate"].value[:20])}},
+        "must cover the frames",
+    ),
+    "late force": (
+        lambda r: {"forces": {"plate": Stream(r.time + 0.3, r.forces["plate"].value)}},
+        "the clocks must overlap",
+    ),
+    "few frames": (lambda r: {"time": r.time[:4], "p_WQ": r.p_WQ[:4]}, "state noise"),
+    "no box": (lambda r: {"geometry": {}}, "geometry: shape None"),
+    "no density": (lambda r: {"density": None}, "needs the recording's density"),
+    "no sensor": (lambda r: {"forces": {"plate:scales": r.forces["plate"]}}, "comes from sensor"),
+    "gravity alone": (
+        lambda r: {"body_force": np.zeros(r.p_WQ.shape)},
+        "states body_force",
+    ),
+    "lost points": (
+        lambda r: {
+            "p_reference": None,
+            "p_WQ": np.concatenate([r.p_WQ[:1] * [[[np.nan]]], r.p_WQ[1:]]),
+            "valid": np.arange(r.frames)[:, None] + 0 * r.p_WQ[0, :, 0] > 0,
+        },
+        "120 points have no stress-free position",
+    ),
+}
+
+
+@pytest.mark.parametrize("lacks", BAD)
+def test_every_recording_is_looked_at_before_anything_is_simulated(
+    tmp_path, monkeypatch, capsys, lacks
+):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    paths = [tmp_path / "press.h5", tmp_path / "other.h5"]
+    write_recording(replace(PROBE, noise=2e-5), paths[0])
+    change, told = BAD[lacks]
+    other = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-6)
+    write_recording(replace(other, **change(other)), paths[1])
+    words = ["diagnose", str(paths[0]), "--holdout", str(paths[1]), "--out", str(tmp_path / "o")]
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.count("\n") == 0 and f"{paths[1]}: " in said and told in said
+
+
+def test_points_of_faces_alone_are_not_read(tmp_path, monkeypatch, capsys):
+    """What is inside would be made up by the fit, and a stiffer part found in it."""
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    seen = replace(PROBE, face=np.arange(PROBE.points) % 6, noise=2e-5)
+    write_recording(seen, tmp_path / "seen.h5")
+    assert main(["diagnose", str(tmp_path / "seen.h5"), "--out", str(tmp_path / "o")]) == 2
+    assert "seen.h5: all points are stated to lie on faces" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="needs points throughout the body"):
+        prepare.probe(seen, "probe", DX)
+    verify.require_stated(seen, DX, held_back=True)  # compared, not read
+
+
+def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, capsys):
+    """Else what the grid has wrong would be taken for something missing."""
+    reached = ValueError("it is read")
+
+    def diagnosed(*arguments, **more):
+        raise reached
+
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    pressed, path = PROBE.p_WQ.copy(), tmp_path / "exact.h5"
+    pressed[..., 2] *= PROBE.poses["plate"].value[:, 2, 3, None] / 0.02
+    made = replace(PROBE, p_WQ=pressed)
+    for noise, told in ((None, "seem exact"), (0.0, "seem exact"), (2e-5, "it is read")):
+        write_recording(replace(made, noise=noise), path)
+        assert main(["diagnose", str(path), "--out", str(tmp_path / "o")]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_recordings_of_other_laws_are_no_probes_of_one_specimen(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", None)
+    paths = [tmp_path / "press.h5", tmp_path / "other.h5"]
+    laws = zip(paths, ("fixed-corotated", "yeoh"), (0.0, 1e-6), strict=True)
+    for path, law, shift in laws:
+        write_recording(replace(PROBE, law=law, p_WQ=PROBE.p_WQ + shift), path)
+    assert main(["diagnose", *map(str, paths), "--out", str(tmp_path / "o")]) == 2
+    assert "the recordings declare fixed-corotated and yeoh" in capsys.readouterr().err
