@@ -1,6 +1,7 @@
 """Checks of the hidden-effects elements: closed forms, balances, meshes and steps. SI units."""
 
 import argparse
+import sys
 import time as clock
 
 import numpy as np
@@ -8,7 +9,7 @@ from hidden_effects import sensed
 from hidden_effects_cases import EFFECTS, OUTSIDE, case_of
 from hidden_effects_material import Material
 from hidden_effects_mesh import Mesh
-from hidden_effects_probes import inside, simulated, solver_of, still
+from hidden_effects_probes import STEPS, inside, simulated, solver_of, still
 from hidden_effects_solver import Solver
 from scipy.optimize import brentq
 
@@ -101,22 +102,26 @@ def difference(one, other):
 
 
 def converging(truth, probes=("press", "shake")):
-    """Print what meshes and steps differ by."""
+    """Print what meshes and steps differ by, one of them at a time from what sets are made with."""
     points = inside(truth["body"], np.random.default_rng(0), 330)
-    trials = {"coarse": ("coarse", 240), "medium": ("medium", 240), "fine": ("fine", 240),
-              "medium/120": ("medium", 120), "medium/480": ("medium", 480)}  # fmt: skip
     for probe in probes:
+        rate = STEPS["medium"] * (1 + (probe == "shake"))
+        trials = {level: (level, rate) for level in ("coarse", "medium", "fine")}
+        trials |= {f"{n}/s": ("medium", n) for n in (rate // 2, 2 * rate, 4 * rate)}
         found = {}
         for name, trial in trials.items():
             begun = clock.time()
             found[name] = simulated(truth, probe, points, *trial)
             solver, spent = found[name].pop("solver"), clock.time() - begun
             print(f"{probe} {name}: {spent:.0f} s, {solver.iterations} iterations,"
-                  f" {solver.factorisations} factorisations", flush=True)  # fmt: skip
-        meshes = [("coarse", "fine"), ("medium", "fine")]
-        for one, other in [*meshes, ("medium/120", "medium/480"), ("medium", "medium/480")]:
+                  f" {solver.factorisations} factorisations", file=sys.stderr, flush=True)  # fmt: skip
+        half, *_, best = list(trials)[3:]
+        pairs = [("coarse", "fine"), ("medium", "fine"), (half, best), ("medium", best)]
+        told = {"medium": f"medium, {rate}/s", half: f"medium, {half}", best: f"medium, {best}"}
+        for one, other in pairs:
             row = " ".join(f"{x:8.3f}" for x in difference(found[one], found[other]))
-            print(f"{probe} {one} - {other}: {row}", flush=True)
+            names = [told.get(n, n) if other == best else n for n in (one, other)]
+            print(f"{probe:5}  {names[0]:13} - {names[1]:14} {row}", flush=True)
 
 
 def sticking(springs=(2e7, 2e8, 2e9)):
