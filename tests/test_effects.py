@@ -413,7 +413,7 @@ def test_a_shape_of_one_value_cannot_be_sought():
             {},
             "tool-friction: coefficient -0.01 is given, one above 0 is want",
         ),
-        ("density", -2.0, {}, "coefficient -2 is given, one above -1 is wanted"),
+        ("density", -2.0, {}, "coefficient -2 is given, one above -0.9 is wanted"),
         ("eigenstrain", -1.0, {}, "coefficient -1 is given, one above -1 is wanted"),
         ("yield", 1.5, {}, "coefficient 1.5 is given, one above 0 and at most 1 is wanted"),
         ("relaxation", 0.5, {"time": 0.0}, "relaxation: time must be positive, got 0"),

@@ -7,6 +7,10 @@ import numpy as np
 from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import AddedMass, World
 
+LIGHTEST = (
+    0.1  # of its stated density, that a body has at least: through less, waves outrun any step
+)
+
 
 def _tilt(gravity: np.ndarray, shape: Shape) -> np.ndarray:
     """d gravity / d angle [m/s^2 per rad] of a small turn of gravity towards an azimuth; 0 without gravity.
@@ -53,7 +57,7 @@ DENSITY = Effect(
     world=lambda scene, size, shape: replace(scene, density=scene.density * (1.0 + size)),
     shown=("shake", "a balance"),
     same=("force-gain",),
-    least=-1.0,
+    least=LIGHTEST - 1.0,
     trial=0.1,
 )
 
