@@ -238,13 +238,13 @@ def effects_table() -> str:
     return markdown_table(("effect", "what it is", "coefficient", "shape", "of", "shown by"), rows)
 
 
-# --- the layout of a recording, read off a file in which nothing is missing ---------------------
 def sealed_table(verdicts: Path) -> str:
     """What the verdicts on a sealed set are worth, whose key lies beside them."""
     files = (verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
     return f"\n```text\n{blind_table.table(blind_score.score(*files))}\n```\n\n"
 
 
+# --- the layout of a recording, read off a file in which nothing is missing ---------------------
 def stated(cls: type) -> dict[str, str]:
     """What the class's docstring says of each attribute."""
     section = inspect.getdoc(cls).partition("Attributes:\n")[2]

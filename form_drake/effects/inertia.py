@@ -7,9 +7,7 @@ import numpy as np
 from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import AddedMass, World
 
-LIGHTEST = (
-    0.1  # of its stated density, that a body has at least: through less, waves outrun any step
-)
+LIGHTEST = 0.1  # of its stated density, at least: through less, waves outrun any step
 
 
 def _tilt(gravity: np.ndarray, shape: Shape) -> np.ndarray:

@@ -105,23 +105,20 @@ def converging(truth, probes=("press", "shake")):
     """Print what meshes and steps differ by, one of them at a time from what sets are made with."""
     points = inside(truth["body"], np.random.default_rng(0), 330)
     for probe in probes:
-        rate = STEPS["medium"] * (1 + (probe == "shake"))
-        trials = {level: (level, rate) for level in ("coarse", "medium", "fine")}
-        trials |= {f"{n}/s": ("medium", n) for n in (rate // 2, 2 * rate, 4 * rate)}
-        found = {}
-        for name, trial in trials.items():
+        rate, found = STEPS["medium"] * (1 + (probe == "shake")), {}
+        meshes = [(level, rate) for level in ("coarse", "medium", "fine")]
+        steps = [("medium", n) for n in (rate // 2, rate, 4 * rate)]
+        for trial in dict.fromkeys([*meshes, *steps]):
             begun = clock.time()
-            found[name] = simulated(truth, probe, points, *trial)
-            solver, spent = found[name].pop("solver"), clock.time() - begun
-            print(f"{probe} {name}: {spent:.0f} s, {solver.iterations} iterations,"
+            found[trial] = simulated(truth, probe, points, *trial)
+            solver, spent = found[trial].pop("solver"), clock.time() - begun
+            print(f"{probe} {trial}: {spent:.0f} s, {solver.iterations} iterations,"
                   f" {solver.factorisations} factorisations", file=sys.stderr, flush=True)  # fmt: skip
-        half, *_, best = list(trials)[3:]
-        pairs = [("coarse", "fine"), ("medium", "fine"), (half, best), ("medium", best)]
-        told = {"medium": f"medium, {rate}/s", half: f"medium, {half}", best: f"medium, {best}"}
-        for one, other in pairs:
-            row = " ".join(f"{x:8.3f}" for x in difference(found[one], found[other]))
-            names = [told.get(n, n) if other == best else n for n in (one, other)]
-            print(f"{probe:5}  {names[0]:13} - {names[1]:14} {row}", flush=True)
+        for (*others, best), name in (meshes, "{0}"), (steps, "{0}, {1}/s"):
+            for one in others:
+                row = " ".join(f"{x:8.3f}" for x in difference(found[one], found[best]))
+                names = f"{name.format(*one):13} - {name.format(*best):14}"
+                print(f"{probe:5}  {names} {row}", flush=True)
 
 
 def sticking(springs=(2e7, 2e8, 2e9)):
