@@ -11,6 +11,7 @@ import numpy as np
 
 from form_drake.diagnose import Diagnosis, Nulls
 from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose.verdict import LEAST
 from form_drake.files import write_json, write_text
 from form_drake.motion import body
 from form_drake.records import Recording, read, write_recording
@@ -43,6 +44,10 @@ def write_diagnosis(
         What ``discrepancy.json`` holds.
     """
     told = found.to_json()
+    told["thresholds"] = {
+        name: max(LEAST, nulls.thresholds.get(name, 0.0)) for name in told["passes"][0]["scores"]
+    }
+    told["basis"] = nulls.basis
     told["advice"] |= {"command": command, "scenarios": _advise(found, folder)}
     found.material.write(folder / "material.yaml")
     told["written"] = _again(found, folder / "material.yaml", effects)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,14 @@ import pytest
 
 from form_drake.__main__ import main
 from form_drake.bench import blind, blind_score, blind_table, cases
+from form_drake.bench.blind_cases import PROBES
 from form_drake.bench.blind_score import RATES, _errors, digest, score, wilson
 from form_drake.bench.blind_sizes import SIZES, compared, limits
 from form_drake.bench.oracles import recorded
+from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
-from form_drake.records import Recording, write_recording
+from form_drake.records import write_recording
 
 ORACLES = Path(__file__).parent / "oracles"
 
@@ -198,7 +201,8 @@ def test_goals_stand_beside_what_was_reached(tmp_path, drawn):
         "50 points" in (less := told["the runner-up closes less by"])
         and "met (goal >= 30 %)" in less
     )
-    assert not any("without simulations" in line for line in told)  # earlier verdicts do not tell
+    without = "seconds of a core without simulations, most"
+    assert told[without].endswith("not told (goal <= 60)")  # by earlier verdicts
     assert told["verdicts over 1200 s of a core"].endswith("met (goal <= 0)")
     verdicts(json.loads(key.read_text()), blind.sealed(seal), out, reading=61.0)
     assert "simulations, most  61" in (text := blind_table.table(score(out, key, seal)))
@@ -216,6 +220,7 @@ def test_what_thresholds_stand_on_is_in_the_fingerprint(tmp_path, monkeypatch):
 
 
 BODY = {"E": 30e3, "nu": 0.5}
+BLOCK = Block(size=(0.02, 0.02, 0.02), points=60, rate=150.0, stamps=150.0, law="yeoh")
 SIZED = [  # effect, its truth, what is named, relative error
     ("drag", {"c": 20.0}, {"coefficient": 21.0, "std": 1.0}, 0.05),
     ("force-bias", {"bias": 0.2}, {"coefficient": -0.2, "std": 0.1, "where": {"azimuth": 0.0, "elevation": 0.1}}, 0.0),
@@ -293,6 +298,29 @@ def test_the_least_size_that_is_named_is_read_off_faint_cases():
     assert (found["close"], found["of"]) == (1, 3)
 
 
+def test_a_limit_is_read_off_a_faint_case_whichever_its_sign():
+    truth = {
+        str(n): {"kind": "near", "effects": {"camera-scale": {"scale": s}}, "body": BODY}
+        for n, s in enumerate((-0.02, 0.02, -0.9))  # the last is not faint
+    }
+    passes = [{"scores": {"camera-scale": 16.0}}]
+    results = [{"id": n, "limits": {"camera-scale": 0.025}, "passes": passes} for n in truth]
+    found = limits(results, truth)
+    assert found["cases"] == {"camera-scale": 2}
+    assert found["ratios"] == {"camera-scale": pytest.approx(1.0)}
+
+
+def test_sizes_that_were_drawn_anew_are_not_held_against_the_key():
+    told = {"kind": "single", "effects": {"drag": {"c": 12.0}}, "body": BODY, "draw": 0}
+    named = [{"name": "drag", "where": {}, "coefficient": 5.0, "std": 1.0}]
+    one = {"id": "0", "verdict": "named", "effects": named, "draw": 1}
+    one |= {"limits": {"drag": 5.0}, "passes": [{"scores": {"drag": 64.0}}]}
+    for draw, count in ((0, 1), (1, 0)):
+        seen = [{**one, "draw": draw}]
+        assert len(compared(seen, {"0": told})["errors"]) == count
+        assert limits(seen, {"0": told})["of"] == count
+
+
 def test_every_effect_has_a_size_to_compare():
     assert set(SIZES) == set(CATALOGUE)
 
@@ -314,7 +342,7 @@ def test_intervals_of_rates():
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
 
-    def verdict(case, *, alone, placebo):
+    def verdict(case, probes, *, placebo):
         asked.append(case)
         if len(asked) == 3:
             raise KeyboardInterrupt
@@ -348,43 +376,55 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("there", "alone", "read", "held"),
+    ("there", "probes", "read", "held"),
     [
-        (("press", "shake", "heldout"), False, ["press", "shake"], ["heldout"]),
-        (("press", "heldout"), False, ["press"], ["heldout"]),
-        (("press", "shake", "heldout"), True, ["press"], ["heldout"]),
-        (("press", "shake"), False, ["press", "shake"], []),
+        (PROBES, "all", ["press", "shake"], ["heldout"]),
+        (("press", "heldout"), "all", ["press"], ["heldout"]),
+        (PROBES, "press", ["press"], ["heldout"]),
+        (PROBES, "faces", ["press", "shake"], []),
+        (("press", "shake"), "all", ["press", "shake"], []),
     ],
 )
-def test_motions_of_a_case_are_taken_by_their_names(
-    tmp_path, monkeypatch, there, alone, read, held
-):
-    (tmp_path / "a").mkdir()
-    for n, name in enumerate(blind.PROBES, start=1):
-        made = Recording.from_arrays(np.arange(3.0), np.zeros((3, 8, 3)), noise=n, law="yeoh")
+def test_motions_of_a_case_are_taken_by_their_names(tmp_path, there, probes, read, held):
+    case(tmp_path / "a", there)
+    *motions, law = blind.cases_of(tmp_path)["a"]().chosen(probes)
+    assert law is LAWS["yeoh"]
+    named = [[PROBES[round(1e5 * r.noise) - 1] for r in some] for some in motions]
+    assert named == [read, held]
+
+
+def case(folder, there=PROBES, **changes):
+    """The folder of a case; what is ``changes`` of a probe's recording."""
+    folder.mkdir(parents=True)
+    for n, name in enumerate(PROBES, start=1):
+        made = replace(BLOCK.press("bonded", 0.1 * n), noise=n * 1e-5, law="yeoh")
         if name in there:
-            write_recording(made, tmp_path / "a" / f"{name}.h5")
-    told = {}
+            write_recording(replace(made, **changes.get(name, {})), folder / f"{name}.h5")
 
-    def named(recordings):
-        return [blind.PROBES[int(r.noise) - 1] for r in recordings]
 
-    def diagnosed(recordings, law, *, holdout, **how):
-        assert law is LAWS["yeoh"]
-        told.update(read=named(recordings), held=named(holdout))
-        raise ValueError("far enough")
-
-    monkeypatch.setattr(blind, "diagnosed", diagnosed)
-    with pytest.raises(ValueError, match="far enough"):
-        blind._verdict(blind.cases_of(tmp_path)["a"], alone=alone, placebo=None)
-    assert told == {"read": read, "held": held}
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"press": {"law": None}}, "the recording declares no law"),
+        ({"shake": {"density": 900.0}}, "shake: another specimen than press"),
+        ({"shake": {"noise": None}}, "shake: its tracks seem exact"),
+        ({"heldout": {"poses": {}}}, "heldout: "),
+    ],
+)
+def test_no_verdict_is_given_where_a_diagnosis_refuses(tmp_path, drawn, monkeypatch, changes, told):
+    case(tmp_path / "cases" / "a", **changes)
+    monkeypatch.setattr(blind, "diagnosed", None)
+    monkeypatch.setattr(blind, "forkable", lambda: False)
+    result = blind.run_blind(tmp_path / "cases", drawn / "key-a.sha256", tmp_path / "blind.json")
+    (one,) = result["results"]
+    assert one["verdict"] == "error" and told in one["why"]
 
 
 def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monkeypatch):
     seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
     broken = tmp_path / "broken"
 
-    def verdict(case, *, alone, placebo):  # in copies of this process, so a file has to know
+    def verdict(case, probes, *, placebo):  # in copies of this process, so a file has to know
         with log.open("a") as file:
             file.write(f"{names[case]}\n")
         fourth = log.read_text().splitlines().index(names[case]) == 3
@@ -432,12 +472,14 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         json.dumps({n: {**t, "effects": list(t["effects"])} for n, t in truth.items()})
     )
     (tmp_path / "twice").write_text("".join(json.dumps(lines[n]) + "\n" for n in (0, 1, 1)))
-    twice = str(tmp_path / "twice")
+    twice, odd = str(tmp_path / "twice"), str(tmp_path / "odd")
+    strange = ({**lines[0]}, {"id": [1], "verdict": "named"})
+    Path(odd).write_text("".join(json.dumps(line) + "\n" for line in strange))
     sizeless, listed = str(tmp_path / "sizeless"), str(tmp_path / "listed.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
         (["--seal", seal, "--cases", key, "--faces", "--press-alone"], "choose one"),
-        (["--seal", seal, "--score", sizeless, "--key", key], "lacks its size"),
+        (["--seal", seal, "--score", sizeless, "--key", key], "what is scored is not there"),
         (["--seal", seal, "--score", good, "--key", listed], "no key; each"),
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
@@ -457,6 +499,7 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--score", good, "--key", key], "not the key"),
         (["--seal", seal, "--score", str(tmp_path / "verdicts"), "--key", key], "no verdicts"),
         (["--seal", seal, "--score", twice, "--key", key], f"case {name} has two verdicts"),
+        (["--seal", seal, "--score", odd, "--key", key], "no verdicts of a blind bench"),
     ):
         with pytest.raises(SystemExit) as stop:
             sys.exit(main(["bench", "blind", *words]))

@@ -294,7 +294,12 @@ def test_nothing_is_named_where_nothing_is_missing(files, capsys):
     assert all(g["before"] == g["after"] and g["closure"] is None for g in found["gap"])
     for key, true in TRUTH.items():
         assert found["values"][key] == pytest.approx(true, rel=0.03)
-    assert read_material(out / "material.yaml").effects == ()
+    written = read_material(out / "material.yaml")
+    assert written.effects == () and written.keys == tuple(found["stds"]) == ("mu", "lam")
+    for key, std in found["stds"].items():
+        assert written.parameters()[key].std == pytest.approx(std)
+        assert 0.0 < std < 0.03 * TRUTH[key]
+    assert found["thresholds"]["drag"] == 16.0 and "eight neo-Hookean blocks" in found["basis"]
     (left,) = found["passes"][0]["ledgers"]
     assert left["onset"] is None and max(left["interior"], left["tool"]) < 1.5
     assert "before and after are one prediction" in (out / "report.html").read_text()
@@ -397,6 +402,14 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
         with pytest.raises(ValueError, match=told):
             own.require_like(other)
         Nulls.common().require_like(other)
+
+
+@pytest.mark.parametrize("of", [{"law": 5}, {"effects": [{"a": 1}]}, {"noise": ["x"]}])
+def test_nulls_that_are_none_are_refused(tmp_path, of):
+    told = {"law": "yeoh", "effects": [], "noise": [1e-5], "force": [], "dx": [1e-3], **of}
+    (tmp_path / "nulls.json").write_text(json.dumps({"scores": {}, "draws": 16, "of": told}))
+    with pytest.raises(ValueError, match=r"nulls[.]json: no nulls of recordings"):
+        Nulls.read(tmp_path / "nulls.json")
 
 
 def _with(scenes, **change):

@@ -474,13 +474,23 @@ def test_a_body_that_gives_way_is_not_simulated():
             "shapes={**dict.fromkeys(('x', 'y', 'z', 'radius'), ()), 'time': (0.1, 0.2)}",
             "got x, y, z, radius, time",
         ),
+        ("id=5", "effect 5: an id is made of lower-case words"),
+        ("unit=None", "unit must be a text, got None"),
+        ("shown='press'", "shown must be a tuple of texts, got 'press'"),
+        ("faces=('glued',)", "faces may hold free, unknown, bonded, .*, got 'glued'"),
+        ("shapes={'time': ('a', 'b')}", "shape time must be of finite numbers"),
+        ("trial=float('nan')", "trial must be of finite numbers, got nan"),
+        ("signed=False, most=-1.0", "no coefficient is above 0 and at most -1"),
+        ("floors={'time': 0.0}", "floors are of shapes, got time"),
     ],
 )
 def test_an_effect_of_ones_own_that_cannot_be_sought_is_one_line(tmp_path, more, told):
     path = tmp_path / "own.py"
+    told_of = {"id": "'own'", "sentence": "'it is'", "unit": "'-'"}
+    given = ", ".join(f"{k}={v}" for k, v in told_of.items() if not more.startswith(f"{k}="))
     path.write_text(
         "from form_drake.effects import Effect\n"
-        f"one = Effect('own', 'it is', '-', (0.1, 1.0), len, lambda w, c, s: w, {more})\n"
+        f"one = Effect({given}, prior=(0.1, 1.0), column=len, world=lambda w, c, s: w, {more})\n"
     )
     with pytest.raises(ValueError, match=f"{path}.*{told}"):
         load(path, CATALOGUE)

@@ -132,7 +132,7 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
 ):
     """What was named stays where its recording is what fails."""
     own = SimpleNamespace(values={})
-    passes = (SimpleNamespace(match=SimpleNamespace(model=own), alike=()),)
+    passes = (SimpleNamespace(match=SimpleNamespace(told=own), alike=()),)
     found = Naming(passes, SimpleNamespace(told=own), (Cause(CATALOGUE["drag"], 2.0, {}),), "named")
     read_as = SimpleNamespace(probes=[SimpleNamespace(body=SimpleNamespace(density=1000.0))])
     for name, made in (("read", (read_as, own)), ("named", found)):

@@ -88,6 +88,19 @@ def test_tracks_that_are_not_as_predicted_tell_where_and_when(watch):
     assert np.all(excess["force of plate"] < 1.0)
 
 
+def test_a_force_whose_noise_cannot_be_told_yet_raises_no_alarm(watch):
+    """Eleven samples leave no jitter to measure: a noise of none would make all of it a deviation."""
+    made = noisy(watch.predicted, np.random.default_rng(6))
+    for count, off in ((11, 0.0), (24, 0.0), (24, 0.5)):
+        felt = {}
+        for tool, seen in made.forces.items():
+            stamps = np.linspace(0.0, 0.25, count)
+            value = np.stack([np.interp(stamps, seen.time, v) for v in seen.value.T], axis=1)
+            felt[tool] = Stream(stamps, value + off)
+        alarm = watch.alarm(replace(made, forces=felt))
+        assert (alarm is not None) == (off > 0.0)
+
+
 def test_points_that_are_lost_raise_no_alarm(watch):
     made = noisy(watch.predicted, np.random.default_rng(3))
     valid = np.random.default_rng(4).random(made.p_WQ.shape[:2]) > 0.1

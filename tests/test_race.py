@@ -60,9 +60,60 @@ def test_what_no_row_sees_is_neither_projected_off_nor_told():
     values = {"C10": 1.0, "kappa": 2.0}
     object.__setattr__(match, "model", Model(LAWS["neo-hookean"], values, (cause,)))
     match.__dict__["explained"] = np.hstack([2.0 * np.eye(8)[:, :6], np.zeros((8, 1))])
+    valued = lambda d: {"C10": 1.0 + d[0] + 2.0 * d[1], "kappa": 2.0 * np.exp(d[1])}  # noqa: E731
+    object.__setattr__(match, "valued", valued)
     assert match.off(np.eye(8)) == pytest.approx(np.diag([0.0] * 6 + [1.0] * 2))
     (told,) = match.told.causes
     assert told.least == 0.5 and told.spread == {key: 0.5 for key in "xyz"}
+    assert match.told.keys == ("C10", "kappa")
+    wanted = [[5.0 / 4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0 / 4.0]]  # unknowns have 1/4
+    assert match.told.covariance == pytest.approx(np.array(wanted), abs=1e-6)
+    (kept,) = match.told.material(1000.0).effects
+    assert kept.std == told.told
+
+
+def test_a_written_law_tells_how_well_its_values_are_known():
+    law, values = LAWS["neo-hookean"], {"C10": 8e3, "kappa": 4e4}
+    causes = tuple(
+        Cause(CATALOGUE[name], size, shape).known(std, {})
+        for name, size, shape, std in (
+            ("drag", 20.0, {}, 2.0),
+            ("damping", 50.0, {}, 3.0),
+            ("rate-dependence", 9.0, {"n": 0.5}, np.inf),
+        )
+    )
+    covariance = np.diag([1e4, 4e4, 4.0, 9.0, 0.0])
+    covariance[0, 3] = covariance[3, 0] = 150.0
+    model = Model(law, values, causes, ("C10", "kappa"), covariance)
+    made = model.material(1000.0)
+    assert made.keys == ("C10", "kappa", "eta")  # of the power nothing is told
+    wanted = [[1e4, 0.0, 150.0], [0.0, 4e4, 0.0], [150.0, 0.0, 10.0]]  # 9, and (2 % of 50)^2
+    assert made.covariance == pytest.approx(np.array(wanted))
+    assert made.parameters()["eta"].std == pytest.approx(causes[1].told)
+    assert model.without(causes[0]).material(1000.0).keys == ()  # another model's
+
+
+def test_what_no_row_sees_is_left_where_it_is():
+    """As the strength of what holds a plate that never lets go."""
+    columns = np.array([[2.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    seen = SimpleNamespace(gap=np.array([4.0, 1.0, 3.0]))
+    wanted = race.Search(seen, np.zeros((3, 2)))._wanted(0.0, columns)
+    assert wanted == pytest.approx([11.0 / 5.0, 0.0], abs=1e-12) and wanted[1] == 0.0
+
+
+def test_no_size_goes_far_at_once():
+    adhesion = CATALOGUE["adhesion"]  # likely up to 1e5 Pa
+    assert adhesion.bounded(1e85, 300.0) == 1e6 and adhesion.bounded(1e85, 1e6) == 1e7
+    assert adhesion.bounded(-5.0, 300.0) == 150.0
+    assert CATALOGUE["force-gain"].bounded(-0.4) == -0.4
+
+
+def test_floors_slide_by_a_friction_that_there_can_be():
+    slip = Cause(CATALOGUE["floor-slip"], 1e-8, {"slippery": 2.0})
+    assert slip.within(np.array([0.0, -9.0]))[1] == -2.0
+    assert slip.within(np.array([0.0, -1.0]))[1] == -1.0
+    with pytest.raises(ValueError, match=r"slippery must be 0 or more, got -2[.]5"):
+        slip.effect.check(1e-8, {"slippery": -2.5})
 
 
 def score(name, size, **shape):

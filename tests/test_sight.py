@@ -128,7 +128,8 @@ def test_a_stiffness_is_guessed_from_force_and_points():
 def test_a_case_that_two_sides_show_is_ranked(monkeypatch):
     monkeypatch.setattr(blind_faces, "CATALOGUE", {e.id: e for e in EFFECTS})
     monkeypatch.setattr(Sight, "fitted", lambda *_: fitted("density"))
-    told = blind_faces.ranking([seen(Cause(CATALOGUE["density"], HIDDEN["density"], {}))])
+    press = seen(Cause(CATALOGUE["density"], HIDDEN["density"], {}))
+    told = blind_faces.ranking([press], LAW)
     (named,) = told["effects"]
     assert told["verdict"] == "named" and "density" in named["class"]
     assert set(told["passes"][0]["scores"]) == set(told["limits"]) == {e.id for e in EFFECTS}

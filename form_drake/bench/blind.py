@@ -9,94 +9,27 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 from tqdm import tqdm
 
+from form_drake.bench.blind_cases import Case, Probes, cases_of
 from form_drake.bench.blind_faces import ranking
 from form_drake.bench.cases import fingerprint
-from form_drake.bench.oracles import recorded, run
 from form_drake.diagnose import diagnosed, thresholds
 from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import ROLLED
 from form_drake.effects import CATALOGUE
 from form_drake.files import plain, read_text, target, write_text
-from form_drake.laws import law_named
-from form_drake.records import Recording, read
 from form_drake.workers import copies, forkable, unordered
 
-PROBES = ("press", "shake", "heldout")
-READ = ("press", "shake")  # of them, in a diagnosis
 SECONDS = 400.0  # a case takes about, on a core of its own
 PLACEBOS = 3  # one case of so many has placebos verified too
 TOP = 3  # effects that are told of simpler statistics
-
-Case = Callable[[], dict[str, Recording]]  # by probe
-Probes = Literal["all", "press", "faces"]
-
-
-def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
-    """Cases by id: of a folder of folders, or of a list of seeds from which they are made again.
-
-    Args:
-        path: of either.
-        faces: whether those that are made again have points on two sides alone.
-
-    Raises:
-        ValueError: there are none, the folder holds a key, or a case has no press.
-    """
-    if path.is_file():
-        return {one["id"]: lambda one=one: _made(one, faces=faces) for one in _listed(path)}
-    if not path.is_dir():
-        raise ValueError(f"{path}: no such folder, nor a list of cases")
-    secrets = [p.name for p in path.rglob("*") if p.is_file() and _secret(p)]
-    if secrets:
-        raise ValueError(f"{path}: holds {secrets[0]}; the truth must lie elsewhere")
-    found = sorted({p.parent for name in PROBES for p in path.glob(f"*/{name}.h5")})
-    if not found:
-        raise ValueError(f"{path}: no case there; a case is a folder with press.h5")
-    for folder in found:
-        if not (folder / "press.h5").is_file():
-            raise ValueError(f"{folder}: no press.h5 is in it, which every case has")
-    return {folder.name: lambda folder=folder: _kept(folder) for folder in found}
-
-
-def _secret(path: Path) -> bool:
-    """Whether a file may hold the truth, by its name; a seal does not."""
-    return path.suffix != ".sha256" and any(w in path.stem.lower() for w in ("key", "truth"))
-
-
-def _listed(path: Path) -> list[dict[str, Any]]:
-    try:
-        listed = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: no list of cases: {error}") from None
-    wanted = {"id": str, "seed": int, "kind": str}
-    for one in listed if isinstance(listed, list) else [None]:
-        if not isinstance(one, dict) or {k: type(v) for k, v in one.items()} != wanted:
-            raise ValueError(f"{path}: no list of cases; each has id, seed and kind, and no more")
-        if not one["id"].isalnum():
-            raise ValueError(f"{path}: case {one['id']!r}: letters and digits are wanted")
-    return list(listed)
-
-
-def _kept(folder: Path) -> dict[str, Recording]:
-    paths = {name: folder / f"{name}.h5" for name in PROBES}
-    return {name: read(path) for name, path in paths.items() if path.is_file()}
-
-
-def _made(one: Mapping[str, Any], *, faces: bool) -> dict[str, Recording]:
-    with TemporaryDirectory() as name:
-        key, out = Path(name) / "key.json", Path(name) / "cases"
-        words = ["--seed", str(one["seed"]), "--kind", one["kind"], "--noisy"]
-        words += ["--faces"] if faces else []
-        run("hidden_effects.py", *words, "--out", out, "--key", key)
-        return {probe: recorded(out / one["id"] / probe) for probe in PROBES}
 
 
 def sealed(path: Path) -> str:
@@ -125,17 +58,16 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         head, *rest = [json.loads(line) for line in lines]
     except ValueError as error:
         raise ValueError(f"{path}: no verdicts of a blind bench: {error}") from None
-    whole = all(isinstance(one, dict) for one in (head, *rest))
-    if not (
-        whole
-        and {"code", "seal"} <= set(head)
-        and all({"id", "verdict"} <= set(one) for one in rest)
-    ):
+    if not (_holds(head, ("code", "seal")) and all(_holds(one, ("id", "verdict")) for one in rest)):
         raise ValueError(f"{path}: no verdicts of a blind bench")
     twice = [n for n, count in Counter(one["id"] for one in rest).items() if count > 1]
     if twice:
         raise ValueError(f"{path}: case {twice[0]} has two verdicts or more, and one run counts")
     return head, rest
+
+
+def _holds(one: Any, words: Sequence[str]) -> bool:
+    return isinstance(one, dict) and all(isinstance(one.get(word), str) for word in words)
 
 
 def run_blind(
@@ -173,7 +105,9 @@ def run_blind(
             )
     else:
         begun, results = head, []
-    write_text(out, "".join(f"{json.dumps(one)}\n" for one in (begun, *results)))
+    whole = "".join(f"{json.dumps(one)}\n" for one in (begun, *results))
+    if not out.is_file() or read_text(out) != whole:  # its last line was cut off
+        write_text(out, whole)
     done = {one["id"] for one in results}
     left = [n for n in wanted if n not in done]
     fork = forkable()
@@ -184,10 +118,11 @@ def run_blind(
         case, placebo, begun = every[name], _placebo(name, head["seal"]), _worked()
         try:
             if probes == "faces":
-                recordings, begun = case(), _worked()
-                found = ranking([recordings[n] for n in READ if n in recordings])
+                seen, begun = case(), _worked()
+                read, _, law = seen.chosen(probes)
+                found = {"draw": seen.draw, **ranking(read, law)}
             else:
-                found = _verdict(case, alone=probes == "press", placebo=placebo)
+                found = _verdict(case, probes, placebo=placebo)
         except ValueError as error:
             found = {"verdict": "error", "why": str(error)}
         return plain({"id": name, "seconds": _worked() - begun, **found})
@@ -206,16 +141,16 @@ def _placebo(name: str, seal: str) -> int | None:
     return None if drawn % PLACEBOS else drawn
 
 
-def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
-    recordings, begun = case(), _worked()
+def _verdict(case: Case, probes: Probes, *, placebo: int | None) -> dict[str, Any]:
+    seen, begun = case(), _worked()
     marks = list[tuple[str, float]]()
-    chosen = READ[:1] if alone else READ
+    read, held, law = seen.chosen(probes)
     found = diagnosed(
-        [recordings[n] for n in chosen if n in recordings],
-        law_named(recordings["press"].law or "neo-hookean"),
+        read,
+        law,
         effects=list(CATALOGUE.values()),
         thresholds=thresholds(),
-        holdout=[recordings["heldout"]] if "heldout" in recordings else [],
+        holdout=held,
         placebo=placebo,
         progress=lambda text: marks.append((text, _worked())),
     )
@@ -232,6 +167,7 @@ def _verdict(case: Case, *, alone: bool, placebo: int | None) -> dict[str, Any]:
     seconds = _worked() - begun  # without the ablation
     simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
     return {
+        "draw": seen.draw,
         **kept,
         "lesser": {way: _top(every) for way, every in simpler.items()},
         "named": found.naming.verdict,

@@ -12,22 +12,22 @@ from form_drake.diagnose.score import ALIKE, Score, coherence, scored, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.diagnose.verdict import LEAST
 from form_drake.effects import CATALOGUE
-from form_drake.laws import law_named
+from form_drake.laws import Law
 from form_drake.records import Recording
 
 NEARLY = 0.1  # of the best score: columns of what acts inside say little of how it looks outside
 
 
-def ranking(recordings: Sequence[Recording]) -> dict[str, Any]:
+def ranking(recordings: Sequence[Recording], law: Law) -> dict[str, Any]:
     """The effect whose simulation comes nearest, and all scores, also with what the grid has wrong.
 
     Args:
         recordings: of a press and a shake.
+        law: of the specimen.
 
     Raises:
         ValueError: they do not state their scene, or it cannot be simulated.
     """
-    law = law_named(recordings[0].law or "neo-hookean")
     sight = Sight.fitted(Scenes.of(tuple(recordings)), guessed(recordings[0], law, {}))
     found, plain = (scores(one, CATALOGUE.values()) for one in (sight, sight.uncorrected))
     seen = [s for s in found if s.score > LEAST]

@@ -98,6 +98,7 @@ RATES = {  # name -> kind, what counts
     "wrong noise, confidently wrong": ("noise", _wrong),
 }
 MISNAMED = (  # rates that errors do not lower: these are left out
+    "false alarms on nulls",
     "out of catalogue, confidently misnamed",
     "near threshold, confidently wrong",
     "wrong noise, confident names",
@@ -126,11 +127,12 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
     if lost:
         raise ValueError(f"{out}: case {lost[0]} is not in {key}")
     try:
-        sizes, seen = compared(results, truth), limits(results, truth)
-    except (KeyError, TypeError) as error:
-        raise ValueError(
-            f"{out}, {key}: an effect lacks its size, place or body, {error}"
-        ) from None
+        return {**head, **_worth(results, truth)}
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"{out}, {key}: what is scored is not there, {error}") from None
+
+
+def _worth(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
     rates, worked = {}, [float(one["seconds"]) for one in results]
     for name, (kind, counts) in RATES.items():
         own = [(one, truth[one["id"]]) for one in results if truth[one["id"]]["kind"] == kind]
@@ -139,11 +141,10 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         hits = sum(bool(counts(one, t)) for one, t in own)
         rates[name] = {"hits": hits, "of": len(own), "interval": wilson(hits, len(own))}
     return {
-        **head,
         "rates": rates,
         "confusions": _confusions(results, truth),
-        "sizes": sizes,
-        "limits": seen,
+        "sizes": compared(results, truth),
+        "limits": limits(results, truth),
         "gap": _gaps(results, truth),
         "placebos": _placebos(results, truth),
         "nulls": _nulls(results, truth),

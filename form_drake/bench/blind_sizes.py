@@ -94,6 +94,8 @@ def compared(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -
     for one in results:
         told = truth[one["id"]]
         named = one.get("effects") or []
+        if _anew(one, told):
+            continue
         if told["kind"] != "single" or not named or named[0]["name"] not in told["effects"]:
             continue
         if one["verdict"] not in ("named", "ambiguous"):
@@ -129,13 +131,15 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
 
     A score, and what it lost for the number of shapes, grow as the square of a size: the size at which
     half of such cases would exceed the threshold is that of the case times the root of threshold over
-    score, with this. ``ratios`` are medians of observed over predicted, by effect; none: most are not seen
-    at all.
+    score, with this. ``ratios`` are medians of observed over predicted, by effect, each over so many ``cases``; none: most
+    are not seen at all.
     """
     found: dict[str, list[float]] = {}
     for one in results:
         told, (name, *others) = truth[one["id"]], [*truth[one["id"]]["effects"], ""]
         predicted = one.get("limits", {}).get(name)
+        if _anew(one, told):
+            continue
         if told["kind"] not in ("single", "near") or others != [""] or name in UNLIKE:
             continue
         size = SIZES[name](told["effects"][name], told["body"])
@@ -145,7 +149,7 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
         least = predicted * named_from(effect, LEAST) / DETECTED
         if name == "inclusion":
             least *= (RADIUS * min(told["body"]["size"])) ** 3
-        if size < LINEAR * least:
+        if abs(size) < LINEAR * least:
             score = one["passes"][0]["scores"].get(name, 0.0)
             share = named_from(effect, LEAST) / named_from(effect, score) if score else np.inf
             least_seen = size * share
@@ -153,7 +157,13 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
     ratios = {name: float(np.median(values)) for name, values in sorted(found.items())}
     close = sum(1.0 / CLOSE <= r <= CLOSE for r in ratios.values())
     told = {name: r if np.isfinite(r) else None for name, r in ratios.items()}
-    return {"ratios": told, "close": close, "of": len(ratios)}
+    counts = {name: len(found[name]) for name in ratios}
+    return {"ratios": told, "cases": counts, "close": close, "of": len(ratios)}
+
+
+def _anew(one: Mapping[str, Any], told: Truth) -> bool:
+    """Whether a case was made with other coefficients than the key holds; earlier verdicts do not tell."""
+    return bool(one.get("draw", told.get("draw", 0)) != told.get("draw", 0))
 
 
 def _medians(errors: Mapping[str, Sequence[float]]) -> dict[str, float | None]:

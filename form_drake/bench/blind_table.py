@@ -41,11 +41,15 @@ def table(result: Result) -> str:
         ("largest scores where nothing is hidden", result["nulls"]),
         ("the same with what the grid has wrong", plain["nulls"]),
         ("seconds of a core for a verdict", result["seconds"]),
-        ("limits, observed over predicted", result["limits"]["ratios"]),
         ("the same with what the grid has wrong", plain["limits"]),
     ):
         lines += ["", title] if numbers else []
         lines += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
+    lines += ["", "limits, observed over predicted, and cases that they are read off"]
+    for name, ratio in (seen := result["limits"])["ratios"].items():
+        lines.append(
+            f"  {name:24} {'-' if ratio is None else f'{ratio:.3g}':9} {seen['cases'][name]}"
+        )
     lines += ["", "strong singles not named: hidden, verdict, named"]
     lines += [
         f"  {effect:24} {verdict:10} {told}" for effect, verdict, told in result["confusions"]
@@ -105,10 +109,12 @@ def _held_out(result: Result) -> Iterator[str]:
 
 
 def _time(seconds: Result, reading: Sequence[float]) -> Iterator[str]:
+    name = "seconds of a core without simulations, most"
     if reading:
         most = max(reading)
-        name = "seconds of a core without simulations, most"
         yield _value(name, most, f"{most:.0f}", "<=", READING)
+    else:
+        yield f"{name:44} not told (goal <= {READING:g})"
     if seconds:
         hours = seconds["all"] / 7200.0
         yield _value("hours of two cores, without making cases", hours, f"{hours:.1f}", "<=", HOURS)

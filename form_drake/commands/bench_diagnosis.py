@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from form_drake.bench import blind, blind_score, blind_table, effects, nulls
+from form_drake.bench.blind_cases import Probes
 from form_drake.commands.bench_cases import Cases
 from form_drake.commands.diagnose import Diagnose
 from form_drake.commands.output import emit, say
@@ -111,7 +112,7 @@ class Blind:
         out = self.out or Path("runs/bench-blind/blind.json")
         if self.press_alone and self.faces:
             raise ValueError("--press-alone and --faces are for runs of their own: choose one")
-        probes: blind.Probes = "press" if self.press_alone else "faces" if self.faces else "all"
+        probes: Probes = "press" if self.press_alone else "faces" if self.faces else "all"
         result = blind.run_blind(self.cases, self.seal, out, only=self.only, probes=probes)
         emit(blind.table(result), result, as_json=self.json)
         say(f"written: {out}")

@@ -1,8 +1,7 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
 import shlex
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +10,8 @@ import tyro
 
 from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, Nulls, Scenes, diagnosed
+from form_drake.diagnose.admitted import about, require_all_stated, require_one_specimen
 from form_drake.diagnose.thresholds import likeness
-from form_drake.diagnose.verify import require_stated
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
@@ -73,7 +72,7 @@ class Diagnose:
         if self.nulls is not None:
             nulls = Nulls.read(self.nulls)
             scenes = Scenes.of(tuple(sighted(r) for r in recordings), self.dx)
-            with _about(self.nulls):
+            with about(self.nulls):
                 nulls.require_like(likeness(scenes, law, start.causes if start else ()))
         found = diagnosed(
             recordings,
@@ -114,12 +113,12 @@ class Diagnose:
         recordings, holdout = (
             [self._read(path) for path in paths] for paths in (self.recording, self.holdout)
         )
-        paths = (*self.recording, *self.holdout)
+        paths = map(str, (*self.recording, *self.holdout))
         pairs = list(zip(paths, (*recordings, *holdout), strict=True))
-        _check(pairs)
+        require_one_specimen(pairs)
         start = self._start(effects, recordings[0])
         of_one_material((*recordings, *holdout), start.law.name if start else self.law)
-        _check_stated(pairs, len(recordings), self.dx)
+        require_all_stated(pairs, len(recordings), self.dx)
         return recordings, holdout, start
 
     def _start(self, effects: Mapping[str, Effect], recording: Recording) -> Model | None:
@@ -155,7 +154,7 @@ class Diagnose:
 
     def _read(self, path: Path) -> Recording:
         recording = read(path)
-        with _about(path):
+        with about(path):
             return recording.measured_by(self.force)
 
     def _law(self, recording: Recording) -> str:
@@ -165,48 +164,3 @@ class Diagnose:
                 f"{self.recording[0]} declares no law: name one with --law, or give --material"
             )
         return law
-
-
-@contextmanager
-def _about(path: Path) -> Iterator[None]:
-    """Say of which file a mistake is."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-
-
-def _check(recordings: list[tuple[Path, Recording]]) -> None:
-    """Refuse recordings of different specimens, and one motion twice.
-
-    Raises:
-        ValueError: see there.
-    """
-    bodies = []
-    for path, recording in recordings:
-        with _about(path):
-            bodies.append(body(recording))
-    (path, _), *rest = recordings
-    shape, *sizes = bodies
-    for n, ((name, other), size) in enumerate(zip(rest, sizes, strict=True), start=1):
-        same = np.allclose([size.low, size.high], [shape.low, shape.high], rtol=0.0, atol=1e-6)
-        if not same or not np.isclose(size.density, shape.density):
-            raise ValueError(
-                f"{name}: another specimen than {path}; boxes and densities must agree"
-            )
-        for earlier, seen in recordings[:n]:
-            if seen.p_WQ.shape == other.p_WQ.shape and np.array_equal(
-                seen.p_WQ, other.p_WQ, equal_nan=True
-            ):
-                raise ValueError(f"{name}: the same motion as {earlier}")
-
-
-def _check_stated(recordings: list[tuple[Path, Recording]], read: int, dx: float | None) -> None:
-    """Refuse recordings that could not be simulated or compared, the first ``read`` being read.
-
-    Raises:
-        ValueError: see ``require_stated``.
-    """
-    for n, (path, recording) in enumerate(recordings):
-        with _about(path):
-            require_stated(recording, dx, held_back=n >= read)

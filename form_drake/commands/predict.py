@@ -50,6 +50,12 @@ def moving(recording: Recording, twist: str | None) -> Recording:
     return replace(recording, v_0=rigid_velocity(recording.reference, v, omega))
 
 
+def _held(recording: Recording) -> bool:
+    """Whether it states a body that something holds, which may rest without any tool."""
+    words = [text.partition(" ")[0] for text in recording.contact.values()]
+    return "shape" in recording.geometry and bool({"bonded", "frictionless"} & set(words))
+
+
 @dataclass(frozen=True)
 class Predict:
     """Predict a recorded motion with an identified material: thrown, from its first frame; probed in
@@ -104,7 +110,8 @@ class Predict:
 
     def _how(self, recording: Recording) -> Predicted:
         """Thrown, in a station, or between the faces that the recording states."""
-        if recording.solver is not None or not recording.poses:
+        stage = bool(recording.poses) or (recording.v_0 is None and _held(recording))
+        if recording.solver is not None or not stage:
             return self._thrown
         stationed = self.scenario or self.recording.with_name("scenario.yaml").is_file()
         return self._probed if stationed or "shape" not in recording.geometry else self._staged

@@ -99,6 +99,8 @@ class Diagnosis:
             for c, p in zip(self.naming.added, self.naming.passes, strict=False)
         )
         if self.verdict == "none":
+            if self.doubts:
+                return "Nothing stands out in these recordings, but there is a doubt."
             return "Nothing is missing: what is left is noise."
         if self.verdict == "unnamed":
             if self.naming.failed:
@@ -162,7 +164,9 @@ class Diagnosis:
             "doubts": list(self.doubts),
             "effects": effects,
             "values": dict(self.naming.model.values),
+            "stds": self.naming.model.stds,
             "without": dict(self.without.values),
+            "without_stds": self.without.stds,
             "passes": [
                 {
                     "residual": float(p.match.left @ p.match.left / len(p.match.left)),
@@ -231,7 +235,7 @@ def diagnosed(
     progress("reading the tracks")
     problem, found = read(scenes, law, known)
     naming = named(problem, scenes, start or found, effects, thresholds, progress)
-    without = naming.passes[0].match.model
+    without = naming.passes[0].match.told
     density = problem.probes[0].body.density
     told = Diagnosis(naming, without, density, doubts=doubts(recordings, start, naming.model))
     if not holdout:

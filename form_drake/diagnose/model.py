@@ -83,6 +83,8 @@ class Cause(Known):
         effect, now = self.effect, np.array([self.shape[k] for k in self.effect.shapes])
         size = effect.bounded(self.coefficient + float(change[0]), self.coefficient)
         least = np.where([effect.positive(k) for k in effect.shapes], -0.5 * np.abs(now), -np.inf)
+        floors = np.array([effect.floors.get(k, -np.inf) for k in effect.shapes])
+        least = np.maximum(least, floors - now)
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
         return np.append(size - self.coefficient, turn)
 
@@ -101,11 +103,30 @@ def _beside(std: float, size: float) -> float:
 
 @dataclass(frozen=True)
 class Model:
-    """A law with its values, and the effects that act beside it."""
+    """A law with its values, and the effects that act beside it.
+
+    Attributes:
+        law: the law.
+        values: of its parameters.
+        causes: the effects.
+        keys: parameters whose deviations are known.
+        covariance: of these by noise, then of the causes' coefficients, shape [keys + causes, the same]; empty:
+            it is not known.
+    """
 
     law: Law
     values: Values
     causes: tuple[Cause, ...] = ()
+    keys: tuple[str, ...] = ()
+    covariance: np.ndarray = field(
+        default_factory=lambda: np.zeros((0, 0)), repr=False, compare=False
+    )
+
+    @property
+    def stds(self) -> dict[str, float]:
+        """Of the parameters whose deviations are known."""
+        own = np.sqrt(np.diag(self.covariance)[: len(self.keys)])
+        return dict(zip(self.keys, own.tolist(), strict=True))
 
     @classmethod
     def of(cls, material: Material, effects: Mapping[str, Effect]) -> "Model":
@@ -122,23 +143,33 @@ class Model:
     def material(self, density: float) -> Material:
         """For a file: additions to the law become part of it, the other effects stand beside it."""
         law, values, beside = self.law, dict(self.values), []
-        for cause in self.causes:
+        keys, rows, more = (
+            list(self.keys),
+            list(range(len(self.keys))),
+            np.zeros(len(self.covariance)),
+        )
+        for n, cause in enumerate(self.causes, start=len(keys)):
             if cause.effect.id in ADDITIONS and cause.effect.world is not None:
                 plain = World(law, values, density, np.zeros(3))
                 world = cause.effect.world(plain, cause.coefficient, cause.shape)
+                if len(more) and cause.told is not None:
+                    keys += sorted(set(world.values) - set(values) - set(cause.shape))
+                    rows.append(n)
+                    more[n] = cause.std**2 - cause.least**2
                 law, values = world.law, dict(world.values)
             else:
                 beside.append(Acting(cause.effect.id, cause.coefficient, cause.shape, cause.told))
-        return Material(law, values, density, effects=tuple(beside))
+        covariance = (self.covariance + np.diag(more))[np.ix_(rows, rows)]
+        return Material(law, values, density, tuple(keys), covariance, tuple(beside))
 
     def more(self, effect: Effect, size: float, shape: Shape) -> "Model":
         """With one more effect, or more of one that acts with this very shape."""
         same = [c.effect is effect and dict(c.shape) == dict(shape) for c in self.causes]
         if not any(same):
-            return replace(self, causes=(*self.causes, Cause(effect, size, shape)))
+            return Model(self.law, self.values, (*self.causes, Cause(effect, size, shape)))
         pairs = zip(self.causes, same, strict=True)
         more = (replace(c, coefficient=c.coefficient + size) if s else c for c, s in pairs)
-        return replace(self, causes=tuple(more))
+        return Model(self.law, self.values, tuple(more))
 
     def trial(self, effect: Effect, of: Body) -> float:
         """Coefficient with which an effect is simulated beside this to see what it changes.
@@ -164,7 +195,7 @@ class Model:
 
     def without(self, cause: Cause) -> "Model":
         """With all other causes."""
-        return replace(self, causes=tuple(c for c in self.causes if c is not cause))
+        return Model(self.law, self.values, tuple(c for c in self.causes if c is not cause))
 
 
 def firm(

@@ -9,6 +9,7 @@ from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.diagnosis import Diagnosis
 from form_drake.diagnose.figures import gaps, moments, overlay, passes, places, ranking, where
 from form_drake.diagnose.ledger import BOOKS, Ledger
+from form_drake.diagnose.model import Model
 from form_drake.diagnose.rollout import Astray
 from form_drake.diagnose.score import DETECTED, Score, named_from
 from form_drake.diagnose.thresholds import Nulls
@@ -51,11 +52,16 @@ def diagnosis_page(
     return page
 
 
+def _with_std(model: Model, key: str) -> str:
+    told = f"{model.values[key]:.5g}"
+    return f"{told} ± {model.stds[key]:.2g}" if key in model.stds else told
+
+
 def _specimen(page: Report, found: Diagnosis) -> None:
     last = found.naming.model
     page.heading("The specimen")
     rows = [
-        [key, f"{found.without.values[key]:.5g}", f"{last.values[key]:.5g}", last.law.unit(key)]
+        [key, *(_with_std(one, key) for one in (found.without, last)), last.law.unit(key)]
         for key in last.law.keys
     ]
     page.table(["parameter", "without effects", "with them", "unit"], rows)
@@ -150,7 +156,9 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
         if one.rivals:
             page.paragraph(f"Nearly as good: {', '.join(one.rivals)}.")
         if one.refused:
-            told = f"{', '.join(one.refused)}: simulated, it explains no more than noise would."
+            told = (
+                f"{', '.join(one.refused)}: simulated, it explains less than its threshold demands."
+            )
             page.paragraph(told)
         page.figure(
             ranking(one.ranked, thresholds, max(LEAST, one.doubt)), "How much each effect explains."

@@ -17,6 +17,7 @@ from form_drake.laws import Values
 from form_drake.motion import Body
 from form_drake.weak.solve import TINY
 
+SLIGHT = 1e-3  # of a standard deviation, in differences
 SINGULAR = 1e-15  # of the largest singular value, from which a combination of unknowns is seen
 
 
@@ -191,11 +192,30 @@ class Projected(ABC):
 
     @property
     def told(self) -> Model:
-        """The model, its causes with their standard deviations, of shapes those that are seen."""
-        _, *parts = np.split(self.std, self.parts)
+        """The model with the covariance of its values, its causes with their standard deviations.
+
+        Of shapes those that are seen.
+        """
+        own, *parts = np.split(self.std, self.parts)
         causes = []
-        for cause, (own, *shape) in zip(self.model.causes, parts, strict=True):
+        for cause, (size, *shape) in zip(self.model.causes, parts, strict=True):
             spread = zip(cause.effect.shapes, map(float, shape), strict=True)
             seen = {key: std for key, std in spread if np.isfinite(std)}
-            causes.append(cause.known(float(own), seen))
-        return replace(self.model, causes=tuple(causes))
+            causes.append(cause.known(float(size), seen))
+        keys, slopes = self._turned(own)
+        rows = np.zeros((len(keys) + len(causes), len(self.std)))
+        rows[: len(keys), : len(own)] = slopes
+        rows[np.arange(len(keys), len(rows)), self.parts] = 1.0
+        root = rows @ self.root
+        return replace(self.model, causes=tuple(causes), keys=keys, covariance=root @ root.T)
+
+    def _turned(self, std: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+        """Parameters that go with the law's unknowns, and their derivatives, shape [keys, unknowns]."""
+        keys, slopes = list(self.model.law.keys), np.zeros((len(self.model.law.keys), len(std)))
+        for k in np.flatnonzero(np.isfinite(std)):
+            step = np.zeros(len(std))
+            step[k] = SLIGHT * std[k]
+            more, less = self.valued(step), self.valued(-step)
+            slopes[:, k] = [(more[key] - less[key]) / (2.0 * step[k]) for key in keys]
+        seen = np.flatnonzero(slopes.any(axis=1))
+        return tuple(keys[n] for n in seen), slopes[seen]

@@ -61,12 +61,13 @@ class Search(Generic[M]):
         return self.match.white(self.match.slopes + self.mended)
 
     def _wanted(self, damping: float, columns: np.ndarray) -> np.ndarray:
-        """Change of the unknowns: the law's, nonlinear ones last, then the causes'."""
-        length = np.maximum(np.linalg.norm(columns, axis=0), TINY)
+        """Change of the unknowns: the law's, nonlinear ones last, then the causes'; none that no row sees."""
+        norms = np.linalg.norm(columns, axis=0)
+        length = np.maximum(norms, TINY)
         ridge = np.sqrt(damping) * np.eye(len(length))
         rest = np.concatenate([self.match.gap, np.zeros(len(length))])
         found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]
-        return np.asarray(found / length)
+        return np.where(norms > TINY, found / length, 0.0)
 
     def _change(self, damping: float, columns: np.ndarray) -> np.ndarray:
         """The same within the bounds of the unknowns."""

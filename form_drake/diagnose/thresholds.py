@@ -67,7 +67,8 @@ class Nulls:
         try:
             scores = {str(k): _number(v) for k, v in told["scores"].items()}
             of = {k: [_number(v) for v in told["of"][k]] for k in MEASURED}
-            words = {"law": told["of"]["law"], "effects": told["of"]["effects"]}
+            law, *acting = [_word(w) for w in (told["of"]["law"], *told["of"]["effects"])]
+            words = {"law": law, "effects": acting}
             draws = _number(told["draws"])
         except (AttributeError, KeyError, TypeError, ValueError):
             raise ValueError(
@@ -129,6 +130,12 @@ def _number(value: Any) -> float:
     if type(value) not in (int, float) or not 0.0 <= value < MOST:
         raise ValueError
     return float(value)
+
+
+def _word(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
 
 
 def _listed(value: Any) -> str:

@@ -13,7 +13,7 @@ from form_drake.diagnose.ledger import RARE
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.verify import COARSER, there, tracking_noise
 from form_drake.records import Recording, Stream
-from form_drake.weak.force import jitter
+from form_drake.weak.force import FEW, jitter
 
 WINDOW = 0.1  # [s]
 AMISS = 0.02  # of what is predicted, which moduli may have wrong
@@ -124,7 +124,9 @@ class Watch:
             if tool not in measured.forces:
                 raise ValueError(f"no force of {tool} is measured, it is predicted")
             seen: Stream = measured.forces[tool]
-            size = jitter(seen) if seen.noise is None else seen.noise
+            size = seen.noise
+            if size is None:
+                size = jitter(seen) if len(seen.time) >= FEW else np.nan  # nothing is off as yet
             both = [np.asarray(s.value) for s in (stream, self.coarse.forces[tool])]
             time = np.asarray(seen.time)
             yield (

@@ -46,6 +46,7 @@ FLOOR_SLIP = Effect(
     ),
     shown=("a push from the side",),
     shapes={"slippery": (0.0, 2.5, 5.0, 9.0)},  # inverse of the friction coefficient
+    floors={"slippery": 0.0},
     signed=False,
     faces=("bonded",),
 )

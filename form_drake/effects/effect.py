@@ -13,8 +13,10 @@ from form_drake.laws.memory import Memory
 
 Shape = Mapping[str, float]
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+FAR = 10.0  # times what was, or is likely at most, that a search goes to at once
 SOFT, LIGHT = 1e4, 0.02  # shear modulus [Pa] and mass [kg] for which trials are stated
 PLACE = {"x", "y", "z", "radius"}  # shape parameters of an effect that acts in a ball
+CONDITIONS = ("free", "unknown", "bonded", "frictionless", "touched")  # of faces
 
 
 def ball(shape: Shape) -> Ball:
@@ -127,6 +129,7 @@ class Effect:
         shapes: values of the shape parameters among which it is sought, by name; they are refined
             from the best. None for those of a place, which is sought in the body: x, y, z, radius.
             A radius is positive, and what has positive values alone.
+        floors: least values of shape parameters, by name.
         parts: shapes -> shapes, and the shares in which columns of these add up to those of the former, shape
             [these, shapes]; None: each stands for itself.
         signed: whether the coefficient may be negative.
@@ -149,6 +152,7 @@ class Effect:
     sensor: Callable[[Any, float, Shape], Any] | None = field(default=None, repr=False)
     shown: tuple[str, ...] = ()
     shapes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    floors: Mapping[str, float] = field(default_factory=dict)
     parts: Callable[[Sequence[Shape]], tuple[list[Shape], np.ndarray]] | None = field(
         default=None, repr=False
     )
@@ -209,10 +213,19 @@ class Effect:
         for key, value in shape.items():
             if self.positive(key) and not value > 0.0:
                 raise ValueError(f"effect {self.id}: {key} must be positive, got {value:g}")
+            if value < self.floors.get(key, -np.inf):
+                raise ValueError(
+                    f"effect {self.id}: {key} must be {self.floors[key]:g} or more, got {value:g}"
+                )
 
     def bounded(self, size: float, now: float = 0.0) -> float:
-        """A coefficient within what there can be; one beyond the least is half-way to it from ``now``."""
-        return min(size, self.most) if size > self.lower else 0.5 * (now + self.lower)
+        """A coefficient within what there can be; one beyond the least is half-way to it from ``now``.
+
+        It is not ten times larger at once than it was or than is likely.
+        """
+        far = FAR * max(abs(now), self.prior[1])
+        size = min(max(size, -far), far, self.most)
+        return size if size > self.lower else 0.5 * (now + self.lower)
 
     def tried(self, modulus: float, mass: float) -> float:
         """``trial`` for a body, which goes with these as the unit does.

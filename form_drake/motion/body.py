@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from form_drake.effects.effect import CONDITIONS
 from form_drake.records import Recording
 from form_drake.records.recording import FACES
-
-CONDITIONS = ("free", "unknown", "bonded", "frictionless", "touched")
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ SAMPLED = 0.5  # of the time between frames, longest between samples of it
 # a tool presses with more than so many times the noise, at least this share of the largest force, and with
 # the larger share in any case
 HEARD, PRESSED, SURELY = 4.0, 0.01, 0.05
+FEW = 12  # samples from which their jitter tells their noise
 CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
@@ -89,7 +90,7 @@ def jitter(stream: Stream) -> float:
     The median, so that jolts do not count. Stamps need not be even.
     """
     time = np.asarray(stream.time, dtype=float)
-    if len(time) < 12:
+    if len(time) < FEW:
         return 0.0
     weights, middle = neighbours(time)
     value = np.asarray(stream.value, dtype=float)
