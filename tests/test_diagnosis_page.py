@@ -298,9 +298,13 @@ def test_what_no_tool_does_is_not_recorded():
     shake = BLOCK.shake()
     assert motions(shake) == {"shake", "shakes along two directions"}
     (still,) = shake.poses.values()
-    for along, wanted in ((np.zeros(3), set()), (np.array([1.0, 0.05, 0.0]), {"shake"})):
+    for along, wanted in (
+        (np.zeros(3), set()),
+        (np.array([1e-3, 1e-3, 0.0]), set()),  # as a pose jitters
+        (np.array([1.0, 0.05, 0.0]), {"shake"}),
+    ):
         X_WT = np.tile(np.eye(4), (len(still.time), 1, 1))
-        X_WT[:, :3, 3] = 1e-3 * np.sin(9.0 * still.time)[:, None] * along
+        X_WT[:, :3, 3] = 1e-3 * np.sin(9.0 * still.time)[:, None] * along + [0.1, 0.0123, 0.03]
         assert motions(replace(shake, poses={"floor": Stream(still.time, X_WT)})) == wanted
     assert motions(replace(shake, poses={})) == set()
 

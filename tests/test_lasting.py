@@ -89,6 +89,21 @@ def test_what_lasts_is_found_in_the_functions_that_hold_it():
     assert 1.0 < np.mean(sizes) < 1.8  # a standard deviation more than it is
 
 
+def test_short_rests_show_less_than_there_is():
+    """An error that keeps nine tenths from frame to frame, three quarters of all."""
+    told = {}
+    for frames in (8, 20):
+        sizes = []
+        for seed in range(40):
+            rng = np.random.default_rng(seed)
+            white = 0.5 * rng.standard_normal((FRAMES, 120))
+            white += np.sqrt(0.75) * fading(rng, 120, 1.0 / RATE / np.log(1.0 / 0.9))
+            found = lasting(white, TIME, np.array([[0.0, (frames - 0.5) / RATE]]))
+            sizes.append(0.0 if found is None else np.mean(found.scale**2) / 0.75)
+        told[frames] = np.median(sizes)
+    assert 0.35 < told[8] < 0.65 and 0.8 < told[20] < 1.1
+
+
 @pytest.mark.parametrize("rest", [None, [[0.0, 0.1]], [[0.0, 0.5]]])
 def test_white_noise_does_not_last_nor_does_a_glance_tell(rest):
     rest = None if rest is None else np.array(rest)

@@ -5,13 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
-from form_drake.diagnose import race, verdict
+from form_drake.diagnose import race, search, verdict
+from form_drake.diagnose.columns import Columns
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, firm
 from form_drake.diagnose.score import Score
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
+from form_drake.weak.unknowns import Unknowns
 
 
 def test_shapes_that_are_sizes_stay_positive_in_differences():
@@ -96,9 +99,67 @@ def test_a_written_law_tells_how_well_its_values_are_known():
 def test_what_no_row_sees_is_left_where_it_is():
     """As the strength of what holds a plate that never lets go."""
     columns = np.array([[2.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    seen = SimpleNamespace(gap=np.array([4.0, 1.0, 3.0]))
-    wanted = race.Search(seen, np.zeros((3, 2)))._wanted(0.0, columns)
+    wanted = search._least(columns, np.array([4.0, 1.0, 3.0]))
     assert wanted == pytest.approx([11.0 / 5.0, 0.0], abs=1e-12) and wanted[1] == 0.0
+
+
+def test_where_a_bound_cuts_one_unknown_the_others_are_sought_beside_it():
+    """Two columns that are much alike, and a share that is all of the stress already: it is 1 at most."""
+    share = Cause(CATALOGUE["yield"], 0.9, {"strain": 0.02})
+    match = SimpleNamespace(within=lambda d: np.clip(d, -9.0, 9.0), parts=[1])
+    match.model = SimpleNamespace(causes=(share,))
+    rng = np.random.default_rng(3)
+    columns = rng.standard_normal((40, 2)) @ [[1.0, 0.9], [0.0, 0.3]]
+    columns = np.hstack([columns, np.zeros((40, 1))])  # of the strain
+    match.gap = columns @ [2.0, 0.5, 0.0] + 0.1 * rng.standard_normal(40)
+    change = race.Search(match, np.zeros((40, 3)))._change(0.0, columns)
+    best = lsq_linear(columns[:, :2], match.gap, ([-9.0, -9.0], [9.0, 0.1]))
+    assert change[:2] == pytest.approx(best.x) and change[1] == pytest.approx(0.1)
+    alone = np.linalg.lstsq(columns[:, :2], match.gap, rcond=None)[0]
+    assert (
+        abs(alone[0] - best.x[0]) > 0.1
+    )  # cut alone, it would leave the other where it is not best
+
+
+def test_a_floor_that_slides_already_takes_another_friction_as_a_whole():
+    slip = Cause(CATALOGUE["floor-slip"], 2e-7, {"slippery": 3.0})
+    columns = object.__new__(Columns)
+    object.__setattr__(
+        columns, "model", Model(LAWS["neo-hookean"], {"C10": 1.0, "kappa": 2.0}, (slip,))
+    )
+    size, model = columns._more(slip.effect, {"slippery": 4.0})
+    assert size == 2e-7
+    (other,) = model.causes
+    assert other.coefficient == 2e-7 and other.shape == {"slippery": 4.0}
+
+
+def test_a_change_of_unknowns_is_told_by_the_model_that_it_gives():
+    law, values = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 1e3}
+    cause = Cause(CATALOGUE["relaxation"], 0.8, {"time": 0.1})
+    unknowns, match = Unknowns.of(law, {}, "law"), object.__new__(Match)
+    theta = lambda v: (np.zeros(0), np.array([v["mu"], v["lam"]]))  # noqa: E731
+    object.__setattr__(match, "model", Model(law, values, (cause,)))
+    object.__setattr__(match, "twin", SimpleNamespace(coordinates=theta))
+    object.__setattr__(match, "problem", SimpleNamespace(unknowns=unknowns, values=lambda eta: {}))
+    match.__dict__["explained"] = np.eye(4)
+    asked = np.array([1e3, 2e3, 0.1, 0.02])
+    model = race.Search(match, np.zeros((4, 4))).model(asked)
+    assert match.towards(model) == pytest.approx(asked)
+    model = race.Search(match, np.zeros((4, 4))).model(np.array([1e3, -2e3, 0.5, 0.0]))
+    assert match.towards(model) == pytest.approx([1e3, -1e3, 0.2, 0.0])  # it is kept firm and whole
+
+
+def test_a_modulus_that_may_be_negative_passes_zero():
+    law = LAWS["mooney-rivlin"]
+    match, unknowns = object.__new__(Match), Unknowns.of(law, {}, "law")
+    values = dict.fromkeys(law.keys, 4e3) | {"C01": 100.0}
+    theta = np.array([values[t.key] for t in law.terms])
+    object.__setattr__(match, "model", Model(law, values))
+    object.__setattr__(match, "twin", SimpleNamespace(coordinates=lambda v: (np.zeros(0), theta)))
+    object.__setattr__(match, "problem", SimpleNamespace(unknowns=unknowns))
+    found = dict(zip(unknowns.keys, match.within(np.full(len(theta), -9e3)), strict=True))
+    assert found["C01"] == pytest.approx(-400.0)  # a tenth of the largest
+    assert found["C10"] == pytest.approx(-2e3)  # which stays positive, is halved at most
 
 
 def test_no_size_goes_far_at_once():

@@ -125,6 +125,15 @@ def test_a_stiffness_is_guessed_from_force_and_points():
         guessed(still, LAW, {})
 
 
+def test_what_is_known_of_the_law_stays():
+    model = Model(LAW, TRUTH)
+    sight = Sight(None, model, (), given=("kappa",))
+    (free,) = set(TRUTH) - {"kappa"}
+    assert sight._keys == [free]
+    assert sight.valued(np.array([0.1])) == pytest.approx(TRUTH | {free: TRUTH[free] * np.exp(0.1)})
+    assert sight.turned({**TRUTH, free: TRUTH[free] * np.exp(0.1)}) == pytest.approx([0.1])
+
+
 def test_a_case_that_two_sides_show_is_ranked(monkeypatch):
     monkeypatch.setattr(blind_faces, "CATALOGUE", {e.id: e for e in EFFECTS})
     monkeypatch.setattr(Sight, "fitted", lambda *_: fitted("density"))

@@ -106,14 +106,26 @@ class Columns:
             replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
             for p in (self.twin, self.problem)
         )
-        size = self.model.trial(effect, probes[0].body)
-        other = twin_of(other, self.scenes.rough.only(meant), self.model.more(effect, size, shape))
+        size, model = self._more(effect, shape)
+        other = twin_of(other, self.scenes.rough.only(meant), model)
         eta, theta = self.twin.coordinates(self.model.values)
         change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
         lengths = [int(p.keep.sum()) for p in probes]
         found = np.zeros(sum(lengths))
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / size
         return found
+
+    def _more(self, effect: Effect, shape: Shape) -> tuple[float, Model]:
+        """A coefficient, and the model with so much more of an effect.
+
+        What has no column need not add up: if it acts, it takes another shape as a whole.
+        """
+        for cause in self.model.causes if effect.columnless else ():
+            if cause.effect is effect and dict(cause.shape) != dict(shape):
+                others = self.model.without(cause)
+                return cause.coefficient, others.more(effect, cause.coefficient, shape)
+        size = self.model.trial(effect, self.problem.probes[0].body)
+        return size, self.model.more(effect, size, shape)
 
 
 def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:

@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from form_drake.diagnose.model import Model
 from form_drake.diagnose.placebo import Removed
 from form_drake.motion.lasting import intervals
 from form_drake.records import Recording
 
+RESTED = 20  # frames of a rest that shows errors which last a dozen frames; what fewer show is too little
 OTHER = 1.5  # times a shear modulus, by which a specimen is another
 UNSEEN = (
     "Held-out motion is off by more than noise, grid and moduli explain: something is missing there that the"
@@ -21,9 +24,9 @@ def doubts(recordings: Sequence[Recording], start: Model | None, found: Model) -
     """What may be wrong with recordings or with the material that was begun with."""
     told = [
         f"How noisy the tracks of recording {n} are was told by their own jitter: errors that last"
-        " longer than a frame would be taken for motion; intervals of rest, of eight frames or more, show them."
+        " longer than a frame would be taken for motion; intervals of rest, of {RESTED} frames or more, show them."
         for n, one in enumerate(recordings, start=1)
-        if one.noise is None and not intervals(one.time, one.rest)
+        if one.noise is None and not any(map(_long, intervals(one.time, one.rest)))
     ]
     if start is not None:
         (_, was), (_, seen) = (one.law.moduli(one.values) for one in (start, found))
@@ -33,6 +36,10 @@ def doubts(recordings: Sequence[Recording], start: Model | None, found: Model) -
                 " that of another specimen."
             )
     return tuple(told)
+
+
+def _long(frames: np.ndarray) -> bool:
+    return bool(frames.sum() >= RESTED)
 
 
 def needless(removed: Iterable[Removed]) -> tuple[str, ...]:

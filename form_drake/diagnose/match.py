@@ -18,6 +18,7 @@ from form_drake.diagnose.noise import by_field, shaken, weighed
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
+from form_drake.laws import Values
 from form_drake.motion import Body
 from form_drake.records import Recording
 from form_drake.weak.solve import Weights
@@ -183,7 +184,11 @@ class Match(Projected):
         least, most = np.exp(-MOST) - 1.0, np.exp(MOST) - 1.0
         largest = SMALL * float(np.abs(phi).max(initial=0.0))
         highest = most * np.maximum(np.abs(phi), largest)
-        found[: len(phi)] = np.clip(change[: len(phi)], least * np.abs(phi), highest)
+        signed = {t.key for t in self.problem.unknowns.law.terms if t.signed}
+        lowest = least * np.abs(phi)  # one that may be negative may pass zero
+        passing = [key in signed for key in self.problem.unknowns.keys]
+        lowest[passing] = np.minimum(lowest, -most * largest)[passing]
+        found[: len(phi)] = np.clip(change[: len(phi)], lowest, highest)
         found[len(phi) :] = np.clip(change[len(phi) :], -MOST, MOST)
         return found
 
@@ -195,6 +200,13 @@ class Match(Projected):
         theta = unknowns.theta(phi)
         values |= {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
         return firm(unknowns.law, values, unknowns.known)
+
+    def turned(self, values: Values) -> np.ndarray:
+        (eta, theta), now = (
+            self.twin.coordinates(values),
+            self.twin.coordinates(self.model.values)[0],
+        )
+        return np.concatenate([self.problem.unknowns.phi(theta) - self._phi, eta - now])
 
     @property
     def _phi(self) -> np.ndarray:

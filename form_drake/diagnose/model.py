@@ -88,6 +88,11 @@ class Cause(Known):
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
         return np.append(size - self.coefficient, turn)
 
+    def towards(self, other: "Cause") -> np.ndarray:
+        """Change of the unknowns that gives another of the same effect."""
+        turns = [other.shape[k] - self.shape[k] for k in self.effect.shapes]
+        return np.array([other.coefficient - self.coefficient, *turns])
+
     def moved(self, change: np.ndarray) -> "Cause":
         """With other unknowns."""
         shape = {

@@ -65,6 +65,15 @@ class Projected(ABC):
     def valued(self, change: np.ndarray) -> Values:
         """Values of the law after a change of its unknowns."""
 
+    @abstractmethod
+    def turned(self, values: Values) -> np.ndarray:
+        """Change of the law's unknowns that gives it other values."""
+
+    def towards(self, model: Model) -> np.ndarray:
+        """Change of all unknowns that gives a model with the same causes."""
+        pairs = zip(self.model.causes, model.causes, strict=True)
+        return np.concatenate([self.turned(model.values), *(a.towards(b) for a, b in pairs)])
+
     @property
     def far(self) -> bool:
         """Whether what the grid has wrong is not known, or of a model that is another."""
@@ -188,7 +197,7 @@ class Projected(ABC):
         length = np.maximum(np.linalg.norm(self.explained, axis=0), TINY)
         _, s, Vt = np.linalg.svd(self.explained / length, full_matrices=False)
         told = s > SINGULAR * s.max(initial=0.0)
-        return np.asarray(Vt[told].T / s[told] / length[:, None])
+        return np.asarray(Vt[told].T / s[told] / length[:, None] * self._seen[:, None])
 
     @property
     def told(self) -> Model:
@@ -202,14 +211,14 @@ class Projected(ABC):
             spread = zip(cause.effect.shapes, map(float, shape), strict=True)
             seen = {key: std for key, std in spread if np.isfinite(std)}
             causes.append(cause.known(float(size), seen))
-        keys, slopes = self._turned(own)
+        keys, slopes = self._told(own)
         rows = np.zeros((len(keys) + len(causes), len(self.std)))
         rows[: len(keys), : len(own)] = slopes
         rows[np.arange(len(keys), len(rows)), self.parts] = 1.0
         root = rows @ self.root
         return replace(self.model, causes=tuple(causes), keys=keys, covariance=root @ root.T)
 
-    def _turned(self, std: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+    def _told(self, std: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
         """Parameters that go with the law's unknowns, and their derivatives, shape [keys, unknowns]."""
         keys, slopes = list(self.model.law.keys), np.zeros((len(self.model.law.keys), len(std)))
         for k in np.flatnonzero(np.isfinite(std)):

@@ -21,6 +21,7 @@ LIGHT = 0.1  # of the whole way, below which a body is let go
 DEPTHS, SPEEDS = 1.5, 10.0  # times, by which depths and speeds differ at least
 NONE = 3.0  # times its noise, below which a force is none
 NOISE = 0.01  # of the largest force, where no noise is stated
+SHAKEN = 1e-3  # of the body's height, rms, that a shake goes at least
 ACROSS = 0.2  # of the way along one direction, which a shake along two has along the other
 
 
@@ -61,16 +62,16 @@ def motions(recording: Recording) -> frozenset[str]:
         height = float(shape.high[face.axis] - shape.low[face.axis])
         force = recording.forces.get(face.tool)
         if force is None or len(held) == 1:  # nothing that it could press against
-            found.update(_shake(pose))
+            found.update(_shake(pose, height))
         else:
             found.update(_press(face, pose, force, height))
     return frozenset(found)
 
 
-def _shake(pose: Stream) -> Iterator[str]:
+def _shake(pose: Stream, height: float) -> Iterator[str]:
     way = pose.value[:, :3, 3] - pose.value[:, :3, 3].mean(axis=0)
-    along = np.linalg.svd(way, compute_uv=False)
-    if along[0] > 0.0:
+    along = np.linalg.svd(way, compute_uv=False) / np.sqrt(len(way))
+    if along[0] > SHAKEN * height:
         yield "shake"
         if along[1] > ACROSS * along[0]:
             yield "shakes along two directions"

@@ -60,18 +60,24 @@ class Search(Generic[M]):
         """Whitened, shape [rows, unknowns]."""
         return self.match.white(self.match.slopes + self.mended)
 
-    def _wanted(self, damping: float, columns: np.ndarray) -> np.ndarray:
-        """Change of the unknowns: the law's, nonlinear ones last, then the causes'; none that no row sees."""
-        norms = np.linalg.norm(columns, axis=0)
-        length = np.maximum(norms, TINY)
-        ridge = np.sqrt(damping) * np.eye(len(length))
-        rest = np.concatenate([self.match.gap, np.zeros(len(length))])
-        found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]
-        return np.where(norms > TINY, found / length, 0.0)
-
     def _change(self, damping: float, columns: np.ndarray) -> np.ndarray:
-        """The same within the bounds of the unknowns."""
-        own, *causes = np.split(self._wanted(damping, columns), self.match.parts)
+        """Change of the unknowns within their bounds: the law's, nonlinear ones last, then the causes'.
+
+        Where a bound cuts one of them, the others are sought again beside it.
+        """
+        found, free = np.zeros(columns.shape[1]), np.ones(columns.shape[1], bool)
+        while free.any():
+            rest = self.match.gap - columns[:, ~free] @ found[~free]
+            found[free] = _least(columns[:, free], rest, damping)
+            cut = self._within(found)
+            free &= cut == found
+            if np.array_equal(cut, found):
+                break
+            found = cut
+        return found
+
+    def _within(self, change: np.ndarray) -> np.ndarray:
+        own, *causes = np.split(change, self.match.parts)
         moves = [c.within(d) for c, d in zip(self.match.model.causes, causes, strict=True)]
         return np.concatenate([self.match.within(own), *moves])
 
@@ -89,7 +95,7 @@ class Search(Generic[M]):
         if self.match.far:
             step = columns @ self._change(0.0, columns)
             return bool(np.linalg.norm(step) < NEAR * self.match.size)
-        gain = np.sum((columns @ self._wanted(0.0, columns)) ** 2)
+        gain = np.sum((columns @ _least(columns, self.match.gap)) ** 2)
         small = np.abs(self._change(0.0, columns)) < SETTLED * self.match.std
         return bool(gain < SAME or small.all())
 
@@ -109,10 +115,11 @@ class Search(Generic[M]):
 
     def stepped(self) -> "Search[M]":
         """After one more simulation."""
-        match, change = self.match, self._change(self.damping, self._columns)
-        damped = max(LARGER * self.damping, FIRST)
+        match, damped = self.match, max(LARGER * self.damping, FIRST)
+        model = self.model(self._change(self.damping, self._columns))
+        change = match.towards(model)  # shares that add up to one, and firm moduli, may be others
         try:
-            after = match.near(self.model(change))
+            after = match.near(model)
         except ValueError:  # the simulation does not stand the step
             if damped > LARGER**3:
                 raise
@@ -123,7 +130,7 @@ class Search(Generic[M]):
         if surprise > NOISE:  # else what was missed is what noise of the data does to its columns
             weight = change / match.std**2
             missed = match.apart - after.apart - (match.slopes + self.mended) @ change
-            taught = self.mended + np.outer(missed, weight) / (weight @ change)
+            taught = self.mended + np.outer(missed, weight) / max(weight @ change, TINY)
         before, gained = float(np.sum(match.gap**2)), match.excess - after.excess
         idle = self.idle + 1 if gained < self._worth else 0
         if gained < -max((WORSE - 1.0) * before, 2.0 * SAME):
@@ -131,6 +138,16 @@ class Search(Generic[M]):
         less = self.damping / LARGER
         damping = less if less > FIRST / LARGER else 0.0
         return replace(self, match=after, mended=taught, damping=damping, idle=idle)
+
+
+def _least(columns: np.ndarray, gap: np.ndarray, damping: float = 0.0) -> np.ndarray:
+    """Least squares; what no row sees stays where it is."""
+    norms = np.linalg.norm(columns, axis=0)
+    length = np.maximum(norms, TINY)
+    ridge = np.sqrt(damping) * np.eye(len(length))
+    rest = np.concatenate([gap, np.zeros(len(length))])
+    found = np.linalg.lstsq(np.vstack([columns / length, ridge]), rest, rcond=None)[0]
+    return np.where(norms > TINY, found / length, 0.0)
 
 
 def matched(

@@ -4,7 +4,7 @@ Where no points lie inside, no balance can be read. Every column is then the dif
 simulations, or of what sensors make of one; the algebra is that of the balance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -40,6 +40,7 @@ class Sight(Projected):
         grid: what that grid has wrong, in rows, by a finer one; None: it is not known.
         origin: the twin whose columns these are, which a search mends; None: itself.
         known: columns that have been made, by id and shape or place.
+        given: values of the law that stay.
     """
 
     scenes: Scenes
@@ -48,18 +49,19 @@ class Sight(Projected):
     grid: np.ndarray | None = field(default=None, repr=False)
     origin: "Sight | None" = field(default=None, repr=False)
     known: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
+    given: Collection[str] = ()
 
     @classmethod
-    def of(cls, scenes: Scenes, model: Model) -> "Sight":
+    def of(cls, scenes: Scenes, model: Model, given: Collection[str] = ()) -> "Sight":
         """Simulate.
 
         Raises:
             ValueError: a recording does not state its scene, or the simulation fails.
         """
-        return cls(scenes, model, tuple(scenes.rough.rolled(model)))
+        return cls(scenes, model, tuple(scenes.rough.rolled(model)), given=given)
 
     @classmethod
-    def fitted(cls, scenes: Scenes, model: Model) -> "Sight":
+    def fitted(cls, scenes: Scenes, model: Model, given: Collection[str] = ()) -> "Sight":
         """Beside the model that comes nearest to the first recording, with what the grid has wrong.
 
         What rings after a shake would make the way there anything but straight.
@@ -69,12 +71,14 @@ class Sight(Projected):
         """
         press = scenes.only([0])
         for _ in range(PASSES):
-            here = cls.of(press, model)
+            here = cls.of(press, model, given)
+            if not here._keys:
+                break
             step = here.within(np.linalg.lstsq(here.explained, here.gap, rcond=None)[0])
             model = replace(model, values=here.valued(step))
             if np.abs(step).max() < SETTLED:
                 break
-        return cls.of(scenes, model).corrected()
+        return cls.of(scenes, model, given).corrected()
 
     def corrected(self) -> "Sight":
         """With what the grid has wrong, by one simulation on the finer grid."""
@@ -131,7 +135,7 @@ class Sight(Projected):
 
     @property
     def _keys(self) -> list[str]:
-        given = self.model.law.constants("given")
+        given = {*self.given, *self.model.law.constants("given")}
         return [k for k, v in self.model.values.items() if k not in given and v > 0.0]
 
     @property
@@ -143,7 +147,8 @@ class Sight(Projected):
     def _moduli(self) -> np.ndarray:
         more = [{**self.model.values, k: self.model.values[k] * np.exp(STEP)} for k in self._keys]
         made = self.scenes.rough.every([replace(self.model, values=v) for v in more])
-        return np.stack([(self._rows(one) - self._still) / STEP for one in made], axis=1)
+        slopes = [(self._rows(one) - self._still) / STEP for one in made]
+        return np.reshape(slopes, (-1, len(self._still))).T
 
     def within(self, change: np.ndarray) -> np.ndarray:
         return np.clip(change, -MOST, MOST)
@@ -151,7 +156,11 @@ class Sight(Projected):
     def valued(self, change: np.ndarray) -> dict[str, float]:
         grown = zip(self._keys, np.exp(change), strict=True)
         values = {**self.model.values, **{k: self.model.values[k] * float(f) for k, f in grown}}
-        return firm(self.model.law, values)
+        return firm(self.model.law, values, self.given)
+
+    def turned(self, values: Values) -> np.ndarray:
+        grown = [values[k] / self.model.values[k] for k in self._keys]
+        return np.log(np.array(grown, dtype=float))
 
     def near(self, model: Model) -> "Sight":
         made = tuple(self.scenes.rough.rolled(model))
