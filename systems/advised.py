@@ -29,7 +29,7 @@ def _pressed(*parts: tuple[float, float]) -> tuple[Part, ...]:
 # Motion, as effects name it: seconds that each part takes, and where the plate is then.
 MOTIONS: dict[str, tuple[Part, ...]] = {
     "fast press": _pressed((0.15, 0.12), (0.3, AWAY)),
-    "press and lift off": _pressed((0.4, 0.15), (0.15, AWAY)),
+    "press and lift off": _pressed((0.4, 0.15), (0.15, AWAY), (0.2, AWAY)),
     "press, hold and release": _pressed((0.3, 0.15), (0.6, 0.15), (0.2, AWAY), (0.3, AWAY)),
     "press, release and wait": _pressed((0.4, 0.2), (0.2, AWAY), (0.6, AWAY)),
     "presses of two depths": _pressed((0.4, 0.08), (0.3, AWAY), (0.6, 0.2), (0.4, AWAY)),
@@ -37,16 +37,19 @@ MOTIONS: dict[str, tuple[Part, ...]] = {
         (0.4, 0.08), (0.3, AWAY), (0.6, 0.2), (0.4, AWAY)
     ),
     "presses at speeds ten times apart": _pressed(
-        (1.5, 0.15), (0.4, AWAY), (0.15, 0.15), (0.3, AWAY)
+        (2.0, 0.15), (0.4, AWAY), (0.13, 0.15), (0.3, AWAY)
     ),
     "a fast reversal": _pressed((0.3, 0.12), (0.1, 0.06), (0.1, 0.12), (0.3, AWAY)),
     "a moment without contact": _pressed((0.3, AWAY)),
-    "moments without contact before and after": _pressed((0.3, AWAY)),
+    "moments without contact before and after": _pressed((0.4, 0.1), (0.3, AWAY), (0.3, AWAY)),
 }
 TO_AND_FRO = ((0.1, 1.0), (0.15, -1.0), (0.15, 1.0), (0.15, -1.0), (0.15, 1.0), (0.1, 0.0))
 SHAKES: dict[str, tuple[Part, ...]] = {
     "shake": tuple((t, 0.13 * s, 0.0, 0.0) for t, s in TO_AND_FRO),
-    "shakes along two directions": tuple((t, 0.0, 0.13 * s, 0.0) for t, s in TO_AND_FRO),
+    "shakes along two directions": (
+        *((t, 0.13 * s, 0.0, 0.0) for t, s in TO_AND_FRO),
+        *((t, 0.0, 0.13 * s, 0.0) for t, s in TO_AND_FRO),
+    ),
 }
 PUSHES: dict[str, tuple[Part, ...]] = {
     "a push from the side": tuple(

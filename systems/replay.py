@@ -67,7 +67,8 @@ def replay(
             force drives that sensors with effects have told.
     """
     acting = known(material.effects, material.law, effects)
-    wrong = [one.effect.id for one in acting if one.effect.sensor is not None]
+    told = {one.effect.id: sensed(recording, [one]).forces for one in acting}
+    wrong = [name for name, forces in told.items() if forces is not recording.forces]
     if drive == "force" and wrong:
         raise ValueError(
             f"drive force: with {', '.join(wrong)} the recorded force is not what acted; choose pose"

@@ -55,6 +55,53 @@ def test_a_coarse_grid_tells_what_a_simulated_effect_changes(plate, name, shape,
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(own), rel=2.0 * turned + 0.01)
 
 
+BALL = {"x": 0.0, "y": 0.0, "z": 0.01, "radius": 0.006}
+BENDING = [
+    ("bonded", "relaxation", 0.5, {"time": 0.05}),
+    ("bonded", "inclusion", 5.0, BALL),
+    ("bonded", "eigenstrain", 0.015, {}),
+    ("bonded", "camera-scale", 0.01, {}),
+    ("frictionless", "tool-friction", 0.3, {}),
+]
+
+
+@pytest.mark.parametrize(("plate", "name", "size", "shape"), BENDING)
+def test_columns_of_the_law_are_others_beside_what_bends_them(plate, name, size, shape):
+    """What the rows lose by other moduli is what the columns say; those of the bare law say another."""
+    model = MODEL.more(CATALOGUE[name], size, shape)
+    (made,) = Scenes.of((BLOCK.press(plate, 0.4),)).rough.rolled(model)
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    match = Match.of(read(scenes, MODEL.law, {})[0], scenes, model)
+    plain = match.twin.jacobian(*match.twin.coordinates(model.values))
+    alike = []
+    for n, (key, value) in enumerate(MODEL.values.items()):
+        ends = [
+            match.near(replace(model, values={**model.values, key: (1.0 + s) * value})).apart
+            for s in (-0.02, 0.02)
+        ]
+        true, own, bare = match.white(
+            np.stack(
+                [(ends[0] - ends[1]) / (0.04 * value), match.own_slopes[:, n], plain[:, n]], axis=1
+            )
+        ).T
+        assert np.linalg.norm(own) == pytest.approx(np.linalg.norm(true), rel=0.08)
+        assert own @ true > 0.96 * np.linalg.norm(own) * np.linalg.norm(true)
+        alike.append(bare @ true / np.linalg.norm(bare) / np.linalg.norm(true))
+    assert min(alike) < 0.9
+
+
+def test_columns_beside_what_bends_them_are_made_once_on_the_way():
+    match = begun("bonded", 0.7)
+    drag, slow = (CATALOGUE[name] for name in ("drag", "relaxation"))
+    model = MODEL.more(slow, 0.1, {"time": 0.2})
+    bent = match.near(model)
+    assert bent.bent_own is None and bent.own_slopes is bent.near(model).own_slopes
+    assert bent.near(model.more(drag, 2.0, {})).own_slopes is bent.own_slopes  # which bends nothing
+    assert bent.near(MODEL).bent_own is None and bent.anchored().bent_own is None
+    search = replace(Search.of(bent), mended=np.ones((len(bent.gap), 4)))
+    assert not search.anchored().mended[:, :2].any() and search.anchored().mended[:, 2:].all()
+
+
 @pytest.mark.parametrize("name", ["damping", "eigenstrain"])
 def test_noisy_tracks_are_read_less_sharply_than_a_column_along_the_motion(name):
     """Which is why effects that act inside a body are simulated: such a column is another, and larger."""

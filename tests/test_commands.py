@@ -27,6 +27,7 @@ from form_drake import (
 )
 from form_drake.bench import cases
 from form_drake.commands import VERBS
+from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS
 from form_drake.libraries import DEBIAN
@@ -384,6 +385,21 @@ def test_a_prediction_leaves_out_nothing_that_is_stated(files, stated, message):
 def test_bad_predictions_are_refused(capsys, files, here, name, options, message):
     assert message in refusal(capsys, "predict", files / "true.yaml", files / name, *options)
     assert not list(here.iterdir())
+
+
+def test_a_block_that_rests_without_any_tool_is_predicted(capsys, files, here):
+    block = Block(size=(0.02, 0.02, 0.02), points=20, rate=60.0, stamps=60.0)
+    still = block.shake(0.05)
+    write_recording(replace(still, poses={}, forces={}), here / "rest.h5")
+    felt = {"floor": Stream(still.time, np.zeros((still.frames, 3)))}
+    write_recording(
+        replace(still, forces={"floor:joint-torque": felt["floor"]}), here / "torque.h5"
+    )
+    told = ("--dx", "0.005", "--json", "--out", "p.h5")
+    for name in ("rest.h5", "torque.h5"):
+        code, out, said = run(capsys, "predict", files / "true.yaml", name, *told)
+        assert code == 0, said
+        assert 0.0 < json.loads(out)["shape_rms"] < 5e-3  # how far it sinks
 
 
 UNUSED = {

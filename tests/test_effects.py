@@ -20,7 +20,7 @@ from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World, load
 from form_drake.effects.acting import known, placed
 from form_drake.identify.problem import Problem
-from form_drake.laws import LAWS
+from form_drake.laws import LAWS, Constant
 from form_drake.material import Acting, Material
 from form_drake.motion import Motion, body
 from form_drake.mpm.stage import Stage
@@ -288,10 +288,59 @@ def test_masses_are_scaled_as_the_body_is(plain):
     alone = SimpleNamespace(displaced=lambda c: None, moved=lambda by: still)
     plainly = replace(reading.probe, sampling=alone, rough=alone)
     one, other = (ProbeReading(p, SOFT.law, SOFT.values) for p in (probe, plainly))
+    assert (reading.scale, one.scale) == (1.0, pytest.approx(10.0))
     for name in ("density", "added-mass"):
         shape = TRIED[name][1]
         columns = [CATALOGUE[name].column(reading, shape) for reading in (one, other)]
         np.testing.assert_allclose(*columns, atol=1e-12 * np.abs(columns[1]).max())
+
+
+def test_a_drag_is_of_the_true_mass(plain):
+    """Of a quasi-static scene, too, which moves ten times as much."""
+    reading, drag = read(*plain[:2]), CATALOGUE["drag"]
+    motion = replace(reading.motion, mass=10.0 * reading.motion.mass)
+    held = SimpleNamespace(displaced=lambda c: None, moved=lambda by: motion)
+    heavy = ProbeReading(replace(reading.probe, sampling=held, rough=held), SOFT.law, SOFT.values)
+    column = drag.column(reading, {})
+    np.testing.assert_allclose(drag.column(heavy, {}), column, atol=1e-12 * np.abs(column).max())
+    dragged = drag.world(STAGE.world(SOFT), 20.0, {})
+    (scene, scaled) = (
+        Stage(replace(STAGE.recording, mass_scale=k), DX)._set(dragged).scene for k in (1.0, 10.0)
+    )
+    assert (scene.drag, scaled.drag) == (20.0, 2.0)
+
+
+def test_a_turned_camera_sees_no_other_size():
+    pose, x = CATALOGUE["camera-pose"], np.random.default_rng(0).normal(size=(4, 5, 3))
+    seen = Recording.from_arrays(np.arange(4.0), x)
+    shape = {"azimuth": 0.3, "elevation": 0.5}
+    turned = pose.sensor(seen, 0.2, shape).p_WQ
+    np.testing.assert_allclose(
+        np.linalg.norm(turned[:, 1:] - turned[:, :1], axis=2),
+        np.linalg.norm(x[:, 1:] - x[:, :1], axis=2),
+    )
+    along = np.array([np.cos(0.5) * np.cos(0.3), np.cos(0.5) * np.sin(0.3), np.sin(0.5)])
+    slight = (pose.sensor(seen, 1e-6, shape).p_WQ - x) / 1e-6
+    np.testing.assert_allclose(slight, np.cross(along, x), atol=1e-5)
+
+
+def test_an_effect_without_a_shape_is_named_once():
+    twice = [Acting("density", -0.8), Acting("density", -0.8)]
+    with pytest.raises(ValueError, match="effect density is named twice"):
+        known(twice, SOFT.law, CATALOGUE)
+    assert (
+        len(
+            known([Acting("relaxation", 0.2, {"time": t}) for t in (0.1, 1.0)], SOFT.law, CATALOGUE)
+        )
+        == 2
+    )
+
+
+def test_an_addition_does_not_fit_a_law_that_has_a_constant_of_its_name():
+    law = SOFT.law
+    own = replace(law, parameters=(*law.parameters, Constant("n", "-", "given")))
+    assert CATALOGUE["rate-dependence"].fits(law) and not CATALOGUE["rate-dependence"].fits(own)
+    assert CATALOGUE["damping"].fits(own)
 
 
 def test_without_gravity_nothing_tilts(plain):

@@ -14,7 +14,7 @@ from form_drake.effects import CATALOGUE
 from form_drake.identify import identify
 from form_drake.laws import LAWS
 from form_drake.material import Material
-from form_drake.records import read, write_recording
+from form_drake.records import Recording, Stream, read, write_recording
 from form_drake.systems.advised import MOTIONS, PUSHES, SHAKES, advised
 from form_drake.systems.arm import Arm
 from form_drake.systems.layers import named
@@ -478,6 +478,34 @@ def test_motions_that_a_diagnosis_advises_are_a_scenario(tmp_path):
     assert prepare(scenario).duration == scenario.probe.waypoints[-1].time  # the arm gets there
     assert advised(["a ruler", "a balance"], *box, "bonded", soft) == {}
     assert advised(["shake"], box[0], 3.0 * box[1], "bonded", soft) == {}  # too wide for the plate
+
+
+@pytest.mark.parametrize("motion", [*MOTIONS, *SHAKES, *PUSHES])
+def test_a_motion_that_is_advised_is_known_again(tmp_path, motion):
+    """As its waypoints have the plate go, and feel what it presses: else it would be advised for ever."""
+    soft = Material(LAWS["neo-hookean"], {"C10": 5e3, "kappa": 4e4}, 1100.0)
+    box = np.array([-0.018, -0.017, 0.0]), np.array([0.018, 0.017, 0.03])
+    ((name, text),) = advised([motion], *box, "bonded", soft).items()
+    (tmp_path / name).write_text(text)
+    scenario = load_scenario(tmp_path / name)
+    points, body = scenario.probe.waypoints, scenario.specimen
+    stamps = np.arange(0.05, points[-1].time, 1e-3)
+    p_WT = [smooth([p.time for p in points], [p.p_WT for p in points], t) for t in stamps]
+    X_WT, force = np.tile(np.eye(4), (len(stamps), 1, 1)), np.zeros((len(stamps), 3))
+    X_WT[:, :3, 3] = p_WT
+    low, high = (np.array(body.p_WM) + s * np.array(body.size) for s in (-0.5, 0.5))
+    force[:, 2] = 1e3 * np.maximum(high[2] - X_WT[:, 2, 3], 0.0)
+    recording = Recording.from_arrays(
+        stamps[::16],
+        np.tile(np.linspace(low, high, 9), (len(stamps[::16]), 1, 1)),
+        density=1100.0,
+        geometry={"shape": "box"}
+        | {k: " ".join(map(str, v)) for k, v in (("low", low), ("high", high))},
+        contact=body.faces,
+        poses={"press_plate": Stream(stamps, X_WT)},
+        forces={"press_plate": Stream(stamps, force, noise=0.02)},
+    )
+    assert motion in motions(recording)
 
 
 def test_blocks_that_are_shaken_hang_from_the_plate_and_those_that_are_pushed_stand(tmp_path):

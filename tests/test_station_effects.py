@@ -60,7 +60,7 @@ def test_what_a_world_changes_is_in_the_scene():
     body = scene().simulation.body
     heavy = scene("{id: density, coefficient: 0.1}", "{id: drag, coefficient: 7.0}")
     assert heavy.simulation.body.mass.sum() == pytest.approx(1.1 * body.mass.sum())
-    assert heavy.drag == 7.0
+    assert heavy.drag == 7.0 / 20.0  # of the mass that moves, which is scaled
     loaded = scene(f"{{id: added-mass, coefficient: 2.0e-3, shape: {BALL}}}")
     assert loaded.simulation.body.mass.sum() - body.mass.sum() == pytest.approx(20.0 * 2e-3)
     tilted = scene("{id: gravity-tilt, coefficient: 0.1, shape: {azimuth: 0.0}}")
@@ -118,6 +118,8 @@ def test_a_force_that_a_sensor_has_changed_drives_nothing(plain):
     scenario = acting("{id: force-gain, coefficient: 0.1}", "{id: drag, coefficient: 1.0}")
     with pytest.raises(ValueError, match="drive force: with force-gain the recorded force is not"):
         replay(scenario, scenario.specimen.made(), plain, drive="force")
+    seen = acting("{id: camera-scale, coefficient: 0.01}")  # which changes no force
+    assert abs(replay(seen, seen.specimen.made(), plain, drive="force").peak_error) < 0.02
 
 
 OWN = """
@@ -176,7 +178,7 @@ def test_effects_of_ones_own_may_act():
     )
     material = replace(acting().specimen.made(), effects=(Acting("thick-air", 3.0),))
     made = make_station(acting(), material=material, effects=CATALOGUE | {"thick-air": thick})
-    assert made.material.scene.drag == 3.0
+    assert made.material.scene.drag == 3.0 / 20.0
 
 
 @pytest.mark.parametrize(

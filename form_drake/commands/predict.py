@@ -143,6 +143,8 @@ class Predict:
         self, material: Material, recording: Recording
     ) -> tuple[Recording, dict[str, Any], str]:
         model = Model.of(material, self._catalogue)
+        sensors = {k: s for k, s in recording.forces.items() if ":" not in k}
+        recording = replace(recording, forces=sensors)
         shape = body(recording)
         placed(model.causes, shape.low, shape.high)
         scenes = Scenes.of((recording,), self.dx, self.device)

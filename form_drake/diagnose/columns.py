@@ -115,6 +115,14 @@ class Columns:
         found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / size
         return found
 
+    def rests(self, models: Sequence[Model]) -> np.ndarray:
+        """What laws leave of twins of these models less what is left here, shape [rows, models]."""
+        rough, found = self.scenes.rough, []
+        for model, made in zip(models, rough.every(models), strict=True):
+            found.append(_left(twin_of(self.problem, rough, model, made), model))
+        here = _left(self.twin, self.model)[:, None]
+        return np.stack(found, axis=1) - here if found else np.zeros((len(here), 0))
+
     def _more(self, effect: Effect, shape: Shape) -> tuple[float, Model]:
         """A coefficient, and the model with so much more of an effect.
 
@@ -126,6 +134,11 @@ class Columns:
                 return cause.coefficient, others.more(effect, cause.coefficient, shape)
         size = self.model.trial(effect, self.problem.probes[0].body)
         return size, self.model.more(effect, size, shape)
+
+
+def _left(twin: Problem, model: Model) -> np.ndarray:
+    eta, theta = twin.coordinates(model.values)
+    return rest_of(twin.rows(eta, theta), theta)
 
 
 def _read(effect: Effect, reading: ProbeReading, shape: Shape) -> np.ndarray:

@@ -29,6 +29,7 @@ CLOSE = 0.02  # of the rows, from which what the grid has wrong is looked at aga
 GROSS = 0.25  # of the rows, which no grid has wrong
 FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
+TURN = 0.02  # of a modulus, in differences
 SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
 # of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
@@ -54,6 +55,7 @@ class Match(Projected):
         bent: the same in coefficients of the fits [m], by probe; none where it is not known, or nothing.
         began: ``apart`` where the model was when ``grid`` and the noise were found.
         simulated: what simulated effects change, see ``Columns``; found once.
+        bent_own: columns of the law beside effects that bend them, of a twin nearby; None: they are made.
     """
 
     problem: Problem
@@ -66,6 +68,7 @@ class Match(Projected):
     bent: tuple[np.ndarray, ...] = field(default=(), repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
     simulated: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
+    bent_own: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -85,7 +88,9 @@ class Match(Projected):
         return [p.body for p in self.problem.probes]
 
     def near(self, model: Model) -> "Match":
-        return replace(self, twin=twin_of(self.problem, self.scenes.rough, model), model=model)
+        twin = twin_of(self.problem, self.scenes.rough, model)
+        found = replace(self, twin=twin, model=model, bent_own=self._made_own)
+        return found if found.bending == self.bending else replace(found, bent_own=None)
 
     def on(self, coarser: float) -> "Match":
         """With a twin on another grid and the same gap: what else that grid has wrong is told by the two.
@@ -96,7 +101,7 @@ class Match(Projected):
             return self
         scenes = replace(self.scenes, coarser=coarser)
         twin = twin_of(self.problem, scenes.rough, self.model)
-        found = replace(self, twin=twin, scenes=scenes)
+        found = replace(self, twin=twin, scenes=scenes, bent_own=self._made_own)
         if self.grid is None:
             return found
         eta, theta = twin.coordinates(self.model.values)
@@ -123,7 +128,7 @@ class Match(Projected):
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
         rest = by_field(self.problem, np.repeat(share, rows) * grid)
         bent, by = _bent(finer, self.twin), noise.beside(rest)
-        found = replace(self, grid=grid, bent=bent, noise=noise, by=by)
+        found = replace(self, grid=grid, bent=bent, noise=noise, by=by, bent_own=None)
         return replace(found, began=found.apart)
 
     @cached_property
@@ -175,9 +180,33 @@ class Match(Projected):
         """What effects change of the twin, not whitened."""
         return Columns(self.problem, self.twin, self.model, self.scenes, self.simulated)
 
-    @property
+    @cached_property
     def own_slopes(self) -> np.ndarray:
-        return self.twin.jacobian(*self.twin.coordinates(self.model.values))
+        """By the twin's motion; beside effects that bend them with what simulations add to that."""
+        if self.bent_own is not None:
+            return self.bent_own
+        plain = self.twin.jacobian(*self.twin.coordinates(self.model.values))
+        return plain + self._simulated_slopes() if self.bending else plain
+
+    @property
+    def bending(self) -> list[str]:
+        """Ids of effects that act beside which the law's columns are others."""
+        return [c.effect.id for c in self.model.causes if c.effect.bends]
+
+    @property
+    def _made_own(self) -> np.ndarray | None:
+        return self.__dict__.get("own_slopes", self.bent_own) if self.bending else None
+
+    def _simulated_slopes(self) -> np.ndarray:
+        """What the unknowns change of what the law leaves of its twin, shape [rows, unknowns]."""
+        phi = self._phi
+        small = SMALL * float(np.abs(phi).max(initial=0.0))
+        count = len(self.twin.coordinates(self.model.values)[0])
+        sizes = TURN * np.append(np.maximum(np.abs(phi), small), np.ones(count))
+        models = [replace(self.model, values=self.valued(step)) for step in np.diag(sizes)]
+        went = np.array([self.turned(model.values)[n] for n, model in enumerate(models)])
+        rests = self.raw.rests(models)
+        return np.asarray(rests / np.where(went != 0.0, went, np.inf))
 
     def within(self, change: np.ndarray) -> np.ndarray:
         phi, found = self._phi, change.copy()

@@ -96,7 +96,7 @@ class ProbeReading:
     def _mass_by_point(self) -> np.ndarray | None:
         windows = self.probe.windows
         found = self._by_point(lambda family: family.mass_by_point(windows.chi, windows.rate))
-        return None if found is None else found * self._scale
+        return None if found is None else found * self.scale
 
     def _by_point(self, parts: Callable[[Fixed], np.ndarray]) -> np.ndarray | None:
         """Rows as sums over points, where all fields are fixed, shape [rows, points]."""
@@ -138,11 +138,11 @@ class ProbeReading:
     def mass(self, m: np.ndarray) -> np.ndarray:
         if self._mass_by_point is not None:
             return -np.asarray(self._mass_by_point @ m)
-        scaled = replace(self.motion, mass=m * self._scale, pressure=None)
+        scaled = replace(self.motion, mass=m * self.scale, pressure=None)
         return -self._masses(scaled, self.gravity)
 
     @property
-    def _scale(self) -> float:
+    def scale(self) -> float:
         """By how much a quasi-static scene has more mass."""
         return float(self.motion.mass.sum() / self.m.sum())
 

@@ -21,6 +21,7 @@ LIGHT = 0.1  # of the whole way, below which a body is let go
 DEPTHS, SPEEDS = 1.5, 10.0  # times, by which depths and speeds differ at least
 NONE = 3.0  # times its noise, below which a force is none
 NOISE = 0.01  # of the largest force, where no noise is stated
+ASIDE = 0.03  # of the body's height, by which a push from the side goes at least
 SHAKEN = 1e-3  # of the body's height, rms, that a shake goes at least
 ACROSS = 0.2  # of the way along one direction, which a shake along two has along the other
 
@@ -78,6 +79,9 @@ def _shake(pose: Stream, height: float) -> Iterator[str]:
 
 
 def _press(face: Face, pose: Stream, force: Stream, height: float) -> Iterator[str]:
+    across = pose.value[:, :3, 3] @ (np.eye(3) - np.outer(face.normal, face.normal))
+    if np.linalg.norm(across - across[0], axis=1).max() > ASIDE * height:
+        yield "a push from the side"
     way = -(pose.value[:, :3, 3] @ face.normal)
     depth = (way - way.min()) / height
     yield "press"

@@ -113,6 +113,13 @@ class Search(Generic[M]):
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
         return replace(model, values=self.match.valued(own), causes=tuple(moved)).whole
 
+    def anchored(self: "Search[Match]") -> "Search[Match]":
+        """With what the grid has wrong here; columns of the law that are made anew need no mending."""
+        match, mended = self.match.anchored(), self.mended.copy()
+        if match.bending:
+            mended[:, : match.parts[0]] = 0.0
+        return replace(self, match=match, mended=mended, idle=0)
+
     def stepped(self) -> "Search[M]":
         """After one more simulation."""
         match, damped = self.match, max(LARGER * self.damping, FIRST)
@@ -175,6 +182,6 @@ def matched(
         if done and (search.match.here or fine == FINE or (rough and search.match.gross)):
             return search.match
         if done:
-            search, fine = replace(search, match=search.match.anchored(), idle=0), fine + 1
+            search, fine = search.anchored(), fine + 1
         else:
             search, passes = search.stepped(), passes + 1

@@ -48,7 +48,7 @@ def known(told: Iterable[Told], law: Law, effects: Mapping[str, Effect]) -> tupl
         ValueError: an effect that the catalogue does not have, that does not fit the law, or whose
             coefficient or shape there cannot be.
     """
-    found = []
+    found = list[Known]()
     for one in told:
         if one.id not in effects:
             raise ValueError(f"effect {one.id!r}: choose from {', '.join(effects)}")
@@ -57,6 +57,10 @@ def known(told: Iterable[Told], law: Law, effects: Mapping[str, Effect]) -> tupl
         if not effect.fits(law):
             raise ValueError(
                 f"effect {one.id} does not fit law {law.name}, which has it already or is of another kind"
+            )
+        if not effect.shapes and any(other.effect is effect for other in found):
+            raise ValueError(
+                f"effect {one.id} is named twice: one coefficient, their sum, says the same"
             )
         found.append(Known(effect, one.coefficient, one.shape))
     shares = [one for one in found if one.effect.share]

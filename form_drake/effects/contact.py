@@ -18,6 +18,7 @@ TOOL_FRICTION = Effect(
     world=lambda scene, size, shape: replace(scene, friction=scene.friction + size),
     shown=("press between plates that do not hold the body",),
     signed=False,
+    bends=True,
     faces=("frictionless",),
 )
 

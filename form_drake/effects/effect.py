@@ -93,6 +93,11 @@ class Reading(Protocol):
         """Mass of the quadrature points as the density states it [kg], shape [points]."""
         ...
 
+    @property
+    def scale(self) -> float:
+        """By how much a quasi-static scene has more mass, and gravity less."""
+        ...
+
     def mass(self, m: np.ndarray) -> np.ndarray:
         """Masses that move with the quadrature points [kg], shape [points]."""
         ...
@@ -136,6 +141,7 @@ class Effect:
         least: coefficient that every one is above; of a signed effect, else it is zero.
         most: largest coefficient that there can be.
         share: whether the coefficient is a share of the stress: all of them add up to one at most.
+        bends: whether it acts by how large the stress is: the law's columns are others beside it then.
         trial: coefficient with which an effect is simulated that has no column, or has one that is
             sharper than tracks are read; small, for a body of ``LIGHT`` whose shear modulus is ``SOFT``.
         faces: conditions of faces that it needs one of; empty: none.
@@ -160,6 +166,7 @@ class Effect:
     least: float = -np.inf
     most: float = np.inf
     share: bool = False
+    bends: bool = False
     trial: float = 0.0
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)

@@ -82,7 +82,7 @@ DRAG = Effect(
     sentence="what surrounds the body resists its velocity",
     unit="1/s",
     prior=(0.1, 100.0),
-    column=lambda reading, shape: reading.load(-reading.v),
+    column=lambda reading, shape: reading.load(-reading.v / reading.scale),
     world=lambda scene, size, shape: replace(scene, drag=scene.drag + size),
     shown=("shake",),
     signed=False,

@@ -27,7 +27,9 @@ def _added(name: str, key: str, **more: Any) -> Effect:
 
     def fits(law: Law) -> bool:
         has = {term.response for term in law.terms}
-        return law.flow in addition.adds_to and not has & {t.response for t in addition.terms}
+        if has & {t.response for t in addition.terms} or set(addition.keys) & set(law.keys):
+            return False
+        return law.flow in addition.adds_to
 
     def world(scene: World, size: float, shape: Shape) -> World:
         return scene.added(name, **{key: size}, **shape)
@@ -126,6 +128,7 @@ def _remembering(made: Callable[[float, Shape], Memory], **more: Any) -> Effect:
         signed=False,
         most=1.0,
         share=True,
+        bends=True,
         fits=_elastic,
         **more,
     )
@@ -178,6 +181,7 @@ EIGENSTRAIN = Effect(
     trial=3e-4,
     shown=("press", "a look at the bonded edge"),
     least=-1.0,
+    bends=True,
 )
 
 
@@ -198,5 +202,6 @@ INCLUSION = Effect(
     world=_inclusion_world,
     shown=("a press beside the middle",),
     least=-1.0,
+    bends=True,
     shapes={"x": (), "y": (), "z": (), "radius": ()},  # of the body, so given by who seeks it
 )

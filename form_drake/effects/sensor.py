@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from form_drake.effects.effect import Effect, Reading, Shape
 
@@ -130,33 +131,42 @@ FORCE_DELAY = _force(
 )
 
 
-def _camera(id: str, wrong: Callable[[np.ndarray, np.ndarray], np.ndarray], **more: Any) -> Effect:
-    """Where a point is seen is where it is and a coefficient times ``wrong`` of that place."""
+def _camera(
+    id: str,
+    wrong: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    shown_at: Callable[[np.ndarray, float, np.ndarray], np.ndarray],
+    **more: Any,
+) -> Effect:
+    """Where a point is seen that is at x: ``shown_at`` (x, coefficient, direction), and to first order x
+    and a coefficient times ``wrong`` (x, direction)."""
 
     def column(reading: Reading, along: np.ndarray) -> np.ndarray:
         return reading.moved(lambda X, x: -wrong(x, along))
 
     def sensor(recording: Any, size: float, shape: Shape) -> Any:
-        seen = recording.p_WQ + size * wrong(recording.p_WQ, direction(shape))
+        seen = shown_at(recording.p_WQ, size, direction(shape))
         return replace(recording, p_WQ=seen, p_reference=recording.reference)
 
     return Effect(id=id, column=_directed(id, column), sensor=sensor, **more)
 
 
-def _turned(x: np.ndarray, along: np.ndarray) -> np.ndarray:
-    return np.cross(along, x)
+def _turned(x: np.ndarray, angle: float, along: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(angle * along).apply(x.reshape(-1, 3)).reshape(x.shape)
 
 
 CAMERA_SCALE = _camera(
     "camera-scale",
     lambda x, along: x,
+    lambda x, size, along: (1.0 + size) * x,
     sentence="the cameras see everything larger or smaller than it is",
     unit="-",
     prior=(1e-5, 0.1),
     shown=("a ruler", "a look at the bonded edge"),
+    bends=True,
 )
 CAMERA_POSE = _camera(
     "camera-pose",
+    lambda x, along: np.cross(along, x),
     _turned,
     sentence="the cameras are turned against the robot",
     unit="rad",

@@ -94,7 +94,7 @@ class Scene:
                     f" out of the region from {low} to {high} m: enlarge the region"
                 )
         self.rest = np.concatenate([b.x for b in bodies])
-        self.drag, self._swelling = drag, swelling
+        self.drag, self._swelling = drag / mass_scale, swelling
         edge = REST if total else EDGE
         if total:
             low = low + dx * np.floor((self.rest.min(axis=0) - low) / dx)
