@@ -19,6 +19,7 @@ from form_drake.diagnose.score import scored
 from form_drake.diagnose.search import matched
 from form_drake.effects import CATALOGUE, Effect, World, load
 from form_drake.effects.acting import known, placed
+from form_drake.effects.world import Ball
 from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS, Constant
 from form_drake.material import Acting, Material
@@ -495,6 +496,19 @@ def test_shares_of_the_stress_add_up_to_all_of_it_at_most():
     model = Model(SOFT.law, SOFT.values, tuple(causes)).whole
     assert [c.coefficient for c in model.causes] == [0.5, 0.5, 20.0]
     assert len(known(model.material(1000.0).effects, SOFT.law, CATALOGUE)) == 3
+
+
+def test_a_ball_has_its_volume_wherever_it_lies_between_particles():
+    """Of a radius of 1.2 particles; without the mean over what they stand for half of it may be lost."""
+    lattice = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    places = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3))
+    held = {
+        name: [Ball(place, 1.2).share(lattice, edges).sum() for place in places]
+        for name, edges in (("points", None), ("boxes", np.ones(3)))
+    }
+    true = 4.0 / 3.0 * np.pi * 1.2**3 * (1.0 + 0.25**2 / 4.0)  # with what fades at its edge
+    np.testing.assert_allclose(held["boxes"], true, rtol=0.01)
+    assert min(held["points"]) < 0.9 * true or max(held["points"]) > 1.1 * true
 
 
 def test_a_ball_outside_of_the_body_is_refused():

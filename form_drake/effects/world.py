@@ -8,6 +8,7 @@ from form_drake.laws import Law, Values, law_named
 from form_drake.laws.memory import Memory
 
 EDGE = 0.25  # of a ball's radius, over which it fades
+PARTS = (np.indices((3, 3, 3)).reshape(3, -1).T - 1.0) / 3.0  # of a box, where it is looked at
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,15 @@ class Ball:
     centre: np.ndarray
     radius: float
 
-    def share(self, X: np.ndarray) -> np.ndarray:
-        """How far points belong to it, from 1 inside to 0 outside, shape [points]."""
+    def share(self, X: np.ndarray, edges: np.ndarray | None = None) -> np.ndarray:
+        """How far points belong to it, from 1 inside to 0 outside, shape [points].
+
+        Args:
+            X: stress-free positions [m], shape [points, 3].
+            edges: of the boxes about points, of which the mean is taken [m], shape [points, 3]; None: none is.
+        """
+        if edges is not None:
+            return np.asarray(np.mean([self.share(X + part * edges) for part in PARTS], axis=0))
         apart = np.linalg.norm(X - self.centre, axis=1) / self.radius
         return np.clip((1.0 + 0.5 * EDGE - apart) / EDGE, 0.0, 1.0)
 

@@ -91,7 +91,7 @@ def by_material(world: World, whole: Body) -> list[tuple[Material, Body]]:
     plain = Material(world.law, dict(world.values), world.density)
     factor = np.ones(len(whole.x))
     for part in world.inclusions:
-        share = np.round(part.ball.share(whole.x) * LEVELS) / LEVELS
+        share = np.round(part.ball.share(whole.x, 2.0 * whole.half) * LEVELS) / LEVELS
         factor += (part.factor - 1.0) * share
     found = []
     for f in np.unique(factor):
