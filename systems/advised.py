@@ -113,7 +113,8 @@ def advised(
         done = [motion for motion in wanted if motion in setup.motions]
         if not done or held not in setup.of_use or max(size[:2]) > WIDEST:
             continue
-        parts = [p for parts in dict.fromkeys(setup.motions[m] for m in done) for p in parts]
+        every = dict.fromkeys(setup.motions[motion] for motion in done)
+        parts = [p for one in every if not _begins(one, every) for p in one]
         bonded = setup.plate == "bonded"
         changes = (
             f"name={name.removesuffix('.yaml')}",
@@ -123,6 +124,11 @@ def advised(
         )
         found[name] = f"# {'; '.join(done)}\n{scenario_text(setup.like, changes)}"
     return found
+
+
+def _begins(one: tuple[Part, ...], every: Iterable[tuple[Part, ...]]) -> bool:
+    """Whether another motion goes on where this one ends, so that it need not be done apart."""
+    return any(other != one and other[: len(one)] == one for other in every)
 
 
 def _block(size: np.ndarray, foot: str, *, bonded: bool) -> tuple[str, ...]:
