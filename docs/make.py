@@ -44,7 +44,11 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     name: import_module(f"form_drake.bench.{name.replace('-', '_')}").table for name in BENCHES
 }
 TABLES |= {"speed-cuda": TABLES["speed"], "probes-dx": TABLES["probes"]}
-SEALED = {"blind": "blind.json", "blind-second": "second/blind.json"}
+SEALED = {
+    "blind": "blind.json",
+    "blind-second": "second/blind.json",
+    "blind-third": "third/blind.json",
+}
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
 API = {
