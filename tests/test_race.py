@@ -115,6 +115,12 @@ def test_where_a_bound_cuts_one_unknown_the_others_are_sought_beside_it():
     change = race.Search(match, np.zeros((40, 3)))._change(0.0, columns)
     best = lsq_linear(columns[:, :2], match.gap, ([-9.0, -9.0], [9.0, 0.1]))
     assert change[:2] == pytest.approx(best.x) and change[1] == pytest.approx(0.1)
+    match.within = lambda d: np.clip(d, -9.0, 1.5)  # and the other way round
+    match.gap = columns @ [2.0, -0.123, 0.0] + 0.1 * rng.standard_normal(40)
+    other = lsq_linear(columns[:, :2], match.gap, ([-9.0, -9.0], [1.5, 0.1]))
+    found = race.Search(match, np.zeros((40, 3)))._change(0.0, columns)
+    assert found[:2] == pytest.approx(other.x) and found[0] == pytest.approx(1.5)
+    match.gap = columns @ [2.0, 0.5, 0.0] + 0.1 * rng.standard_normal(40)
     alone = np.linalg.lstsq(columns[:, :2], match.gap, rcond=None)[0]
     assert (
         abs(alone[0] - best.x[0]) > 0.1

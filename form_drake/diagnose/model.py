@@ -81,12 +81,16 @@ class Cause(Known):
     def within(self, change: np.ndarray) -> np.ndarray:
         """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
         effect, now = self.effect, np.array([self.shape[k] for k in self.effect.shapes])
-        size = effect.bounded(self.coefficient + float(change[0]), self.coefficient)
+        wanted = self.coefficient + float(change[0])
+        size = effect.bounded(wanted, self.coefficient)
         least = np.where([effect.positive(k) for k in effect.shapes], -0.5 * np.abs(now), -np.inf)
         floors = np.array([effect.floors.get(k, -np.inf) for k in effect.shapes])
         least = np.maximum(least, floors - now)
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
-        return np.append(size - self.coefficient, turn)
+        own = (
+            change[0] if size == wanted else size - self.coefficient
+        )  # what is not cut is not rounded
+        return np.append(own, turn)
 
     def towards(self, other: "Cause") -> np.ndarray:
         """Change of the unknowns that gives another of the same effect."""
