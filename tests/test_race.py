@@ -11,7 +11,7 @@ from form_drake.diagnose import race, search, verdict
 from form_drake.diagnose.columns import Columns
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, firm
-from form_drake.diagnose.score import Score
+from form_drake.diagnose.score import Score, shapes
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.weak.unknowns import Unknowns
@@ -266,21 +266,64 @@ def test_a_further_effect_explains_more_than_simulations_have_wrong():
     assert replace(found, doubt=0.0).wanted(drag, {}) == verdict.LEAST
 
 
-def test_a_place_is_sought_from_several(course, monkeypatch):
+def seen_at(monkeypatch, peaks):
+    """Inclusions in a body of 40 mm, whose scores fall away from places: x [mm], size, highest score."""
+
+    def ranked(match, effect, tried):
+        every = []
+        for shape in tried:
+            place = 1e3 * np.array([shape[k] for k in "xyz"])
+            values = [
+                (highest * np.exp(-np.sum((place - [x, 0.0, 0.0]) ** 2) / 50.0), size)
+                for x, size, highest in peaks
+            ]
+            value, size = max(values)
+            every.append(replace(score("inclusion", value, **shape), coefficient=size))
+        return sorted(every, key=lambda s: -s.score)
+
+    monkeypatch.setattr(race, "ranked", ranked)
+    edge = np.array([0.02, 0.02, 0.02])
+    bodies = [SimpleNamespace(low=-edge, high=edge)]
+    every = ranked(None, CATALOGUE["inclusion"], shapes(CATALOGUE["inclusion"], bodies[0]))
+    return bodies, every[0]
+
+
+@pytest.mark.parametrize(("other", "tried"), [(-1.0, True), (1.0, False)])
+def test_a_place_is_sought_closer_for_either_sign(course, monkeypatch, other, tried):
+    """What is stiffer in one place is like what is softer in another, where it may score more.
+
+    Between the places of a grid the right one scores too little to be tried.
+    """
     match, ways = course
-    at = {"x": 0.0, "y": 0.0, "z": 0.0, "radius": 1e-3}
-    places = [{**at, "z": z} for z in (0.0, 1e-3, 10e-3, 20e-3)]
-    sizes = (90.0, 80.0, 70.0, 10.0)  # the second is beside the first, the last explains too little
-    every = [score("inclusion", s, **p) for s, p in zip(sizes, places, strict=True)]
-    match.bodies = [None]
-    monkeypatch.setattr(race, "shapes", lambda effect, body: places)
-    monkeypatch.setattr(race, "ranked", lambda match, effect, tried: every)
-    ways |= {
-        ("inclusion", *places[0].values()): [900.0, None],
-        ("inclusion", *places[2].values()): [950.0, 100.0],
-    }
-    (only,) = race.raced(match, every[:1])
-    assert only.score is every[2] and only.apart == pytest.approx(100.0)
+    match.bodies, best = seen_at(monkeypatch, [(-8.0, 1.0, 1000.0), (4.0, other, 700.0)])
+    squares = {-8.0: [900.0, 800.0, 790.0], 4.0: [950.0, 100.0]}
+    ways = {x: square for x, square in squares.items()}
+    starts = []
+
+    def near(told):
+        starts.append(1e3 * told[1])
+        return ways[min(ways, key=lambda x: abs(x - starts[-1]))]
+
+    match.near = near
+    (only,) = race.raced(match, [best], nearly=0.65)
+    assert len(starts) == 1 + tried and only.apart == (100.0 if tried else 790.0)
+    assert starts[-1] == pytest.approx(4.0 if tried else -8.0, abs=1.0)
+
+
+def test_a_place_is_sought_from_several(course, monkeypatch):
+    """But not beside one that is tried, nor where too little is explained."""
+    match, ways = course
+    peaks = [(-16.0, 1.0, 1000.0), (-8.0, 1.0, 900.0), (0.0, 1.0, 100.0), (16.0, 1.0, 800.0)]
+    match.bodies, best = seen_at(monkeypatch, peaks)
+    starts = []
+
+    def near(told):
+        starts.append(1e3 * told[1])
+        return [900.0, None] if told[1] < 0.0 else [950.0, 100.0]
+
+    match.near = near
+    (only,) = race.raced(match, [best])
+    assert starts == pytest.approx([-16.0, 16.0]) and only.apart == pytest.approx(100.0)
 
 
 def test_what_cannot_be_simulated_is_passed_over_or_told(course):

@@ -7,6 +7,7 @@ size: it begins wherever it is seen. A few steps of each show which comes neares
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Generic
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import FIT, SEARCH
 from form_drake.diagnose.projected import Projected
-from form_drake.diagnose.score import Score, coherence, ranked, shapes
+from form_drake.diagnose.score import PLACES, Score, coherence, ranked, shapes
 from form_drake.diagnose.search import M, Search, matched
 
 FIELD, STARTS = 4, 4  # effects; starts of one that has a place
 SAME = 0.99  # coherence from which no simulation would tell two effects apart
 NEARLY = 0.4  # of the best score, from which another start is simulated
+CLOSER = (0.5, 0.25)  # of the spacing of places, at which more are tried around the best
 BESIDE = 4.0  # widths of the shape parameters, within which starts are one
 MARGIN = 10.0  # of scores, within which effects are equally good
 PLAIN = 4.0  # of scores, up to which one of fewer shape parameters is taken for another like it
@@ -128,17 +130,37 @@ def field(seen: Sequence[Score], nearly: float = NEARLY) -> list[Score]:
 
 
 def _starts(match: Projected, score: Score, least: float) -> list[Score]:
-    """The best of an effect, and others that are apart from it and nearly as good."""
+    """The best of an effect, and others that are apart from it and nearly as good.
+
+    What is more somewhere is like what is less elsewhere: the best of either sign is sought closer.
+    """
     effect = score.effect
     if "radius" not in effect.shapes:
         return [score]
-    found = [score]
-    for other in ranked(match, effect, shapes(effect, match.bodies[0])):
-        if len(found) == STARTS or other.score < least:
+    every = ranked(match, effect, shapes(effect, match.bodies[0]))
+    opposed = [s for s in every if s.coefficient * score.coefficient < 0.0]
+    near = [_closer(match, one) for one in (score, *opposed[:1])]
+    found = list[Score]()
+    for other in sorted([*near, *every], key=lambda s: -s.score):
+        if len(found) == STARTS or (found and other.score < least):
             break
         if all(_apart(one, other) for one in found):
             found.append(other)
     return found
+
+
+def _closer(match: Projected, score: Score) -> Score:
+    """The best of its sign at places that lie closer than those that were tried, around it."""
+    body, effect = match.bodies[0], score.effect
+    for share in CLOSER:
+        middle = np.array([score.shape[k] for k in "xyz"])
+        sides = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+        places = middle + share * (body.high - body.low) / PLACES * sides
+        places = np.clip(places, body.low, body.high)
+        around = [{**score.shape, **dict(zip("xyz", p, strict=True))} for p in places.tolist()]
+        found = ranked(match, effect, around)
+        score = next((s for s in found if s.coefficient * score.coefficient > 0.0), score)
+    return score
 
 
 def _apart(one: Score, other: Score) -> bool:
