@@ -294,11 +294,9 @@ def test_a_place_is_sought_closer_for_either_sign(course, monkeypatch, other, tr
 
     Between the places of a grid the right one scores too little to be tried.
     """
-    match, ways = course
+    match, _ = course
     match.bodies, best = seen_at(monkeypatch, [(-8.0, 1.0, 1000.0), (4.0, other, 700.0)])
-    squares = {-8.0: [900.0, 800.0, 790.0], 4.0: [950.0, 100.0]}
-    ways = {x: square for x, square in squares.items()}
-    starts = []
+    ways, starts = {-8.0: [900.0, 800.0, 790.0], 4.0: [950.0, 100.0]}, []
 
     def near(told):
         starts.append(1e3 * told[1])
@@ -312,7 +310,7 @@ def test_a_place_is_sought_closer_for_either_sign(course, monkeypatch, other, tr
 
 def test_a_place_is_sought_from_several(course, monkeypatch):
     """But not beside one that is tried, nor where too little is explained."""
-    match, ways = course
+    match, _ = course
     peaks = [(-16.0, 1.0, 1000.0), (-8.0, 1.0, 900.0), (0.0, 1.0, 100.0), (16.0, 1.0, 800.0)]
     match.bodies, best = seen_at(monkeypatch, peaks)
     starts = []
