@@ -1,6 +1,7 @@
 """What held-out motion tells of a prediction: errors beyond noise and grid, and rows of the balance."""
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,12 +10,16 @@ import pytest
 from form_drake.diagnose import Cause, Scenes
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.channel import Channel
+from form_drake.diagnose.model import Model
 from form_drake.diagnose.motions import Block
+from form_drake.diagnose.noise import ALONE, with_grid
 from form_drake.diagnose.verdict import WRONG, Naming
 from form_drake.diagnose.verify import Check, Predicted, there
 from form_drake.effects import CATALOGUE
+from form_drake.effects.effect import KINKED, SMOOTH
 from form_drake.laws import LAWS
 from form_drake.records import Stream
+from form_drake.weak.solve import Weights
 
 DX, NOISE = 0.004, 5e-6
 LAW, TRUTH = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
@@ -127,6 +132,71 @@ def test_held_out_rows_change_by_as_much_as_was_predicted(monkeypatch, predicted
         assert borne_out(((2.0 - there) * predicted, 0.0), (-gap + predicted, 0.0)) is fits
 
 
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(
+    ("finer", "there"),
+    [((0.0, 0.1), True), ((0.0, 12.0), True), (None, False), (ValueError("it broke down"), False)],
+)
+def test_before_held_out_rows_refuse_they_are_predicted_on_a_finer_grid(
+    monkeypatch, finer, there, named
+):
+    """Whatever they say there; where it cannot be simulated, or read, the coarser one stays."""
+    asked, fitted = [], SimpleNamespace() if named else None
+
+    def rows(told):
+        return rows_of(told, told)[1] if told else Predicted((), (), None)
+
+    def of(scenes, without, coarse):
+        asked.append((scenes.dx[0], coarse))
+        if isinstance(finer, ValueError):
+            raise finer
+        return replace(check, scenes=scenes, before=rows(finer))
+
+    def predicted(self, match, coarse=None):
+        return rows(finer if self.scenes.dx[0] < DX else (0.0, 12.0))
+
+    monkeypatch.setattr(Check, "of", of)
+    monkeypatch.setattr(Check, "predicted", predicted)
+    before = replace(rows((0.0, 12.0)), recordings=(PROBE,))
+    check = Check(Scenes.of((PROBE,), DX), None, before)
+    chosen, after = check.settled(SimpleNamespace(), fitted, lambda text: None)
+    assert asked == [(pytest.approx(DX / 1.5), (PROBE,))]
+    assert (chosen.scenes.dx[0] < DX) is there and after.match is not None
+    assert chosen.bears_out(after) is (finer == (0.0, 0.1))
+
+
+def test_what_held_out_rows_bear_out_is_predicted_once(monkeypatch):
+    check, after = rows_of((0.0, 0.1), (0.0, 0.1))
+    monkeypatch.setattr(Check, "predicted", lambda self, match: after)
+    monkeypatch.delattr(Check, "of")
+    told = check.settled(SimpleNamespace(), SimpleNamespace(), lambda text: None)
+    assert told == (check, after)
+
+
+@pytest.mark.parametrize(("causes", "order"), [((), SMOOTH), ((("yield", 0.01),), KINKED)])
+def test_simulations_of_what_yields_near_the_finest_more_slowly(causes, order):
+    """The order of a bonded block is less than that of splines, as stress is singular at its edges."""
+    acting = tuple(Cause(CATALOGUE[name], 1.0, {"strain": strain}) for name, strain in causes)
+    model = Model(LAW, TRUTH, acting)
+    made = [Scenes.of((PROBE,), DX * f).rolled(model)[0].p_WQ for f in (1.5, 1.0, 1.0 / 1.5)]
+    coarse, fine = (np.linalg.norm(b - a) for a, b in pairwise(made))
+    assert model.order == order
+    assert bool(np.log(coarse / fine) > 1.5 * np.log(1.5)) is (order == SMOOTH)
+
+
+def test_what_a_grid_may_have_wrong_keeps_its_course_but_for_a_part():
+    rng = np.random.default_rng(0)
+    factors = tuple(np.linalg.cholesky(a @ a.T) for a in rng.standard_normal((2, 3, 5)))
+    labels = [SimpleNamespace(field=name) for name in "xyx"]
+    problem = SimpleNamespace(probes=[SimpleNamespace(labels=labels)] * 2)
+    error = np.array([1.0, 2.0, -3.0, 4.0, 5.0, 6.0])
+    found = with_grid(Weights(factors, 0.0), problem, error)
+    for n, (L, (one, middle, other)) in enumerate(zip(factors, error.reshape(2, 3), strict=True)):
+        kept = [[one**2, 0.0, one * other], [0.0, middle**2, 0.0], [one * other, 0.0, other**2]]
+        wanted = L @ L.T + kept + ALONE**2 * np.diag(np.diag(kept))
+        assert found.of(n).covariance(np.arange(3)) == pytest.approx(wanted)
+
+
 def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuses_if_with_them(
     monkeypatch,
 ):
@@ -152,7 +222,7 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
 
     monkeypatch.setattr(Check, "of", fails)
     assert told().verdict == "named" and told().unverified == "it broke down"
-    monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(predicted=fails))
+    monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(settled=fails))
     assert told().verdict == "unnamed"
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
 

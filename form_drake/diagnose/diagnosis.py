@@ -253,21 +253,20 @@ def _verified(
     told: Diagnosis, check: Check, placebo: int | None, progress: Callable[[str], None]
 ) -> Diagnosis:
     """With held-out motion predicted with what was added, without one of several, and with placebos."""
-    naming = told.naming
-    if not naming.added:
-        off = not check.bears_out(check.before)
-        left = (*told.doubts, *((UNSEEN,) if off else ()))
-        return replace(told, after=check.before, doubts=left)
+    naming, without = told.naming, told.naming.passes[0].match
     try:
-        after = check.predicted(naming.match)
+        check, after = check.settled(without, naming.match if naming.added else None, progress)
     except ValueError as error:
         failed = f"held-out motion as predicted: {error}"
         return replace(told, naming=replace(naming, verdict="unnamed", failed=failed))
+    told = replace(told, check=check, after=after)
+    if not naming.added:
+        off = not check.bears_out(after)
+        return replace(told, doubts=(*told.doubts, *((UNSEEN,) if off else ())))
     removed = tuple(removals(naming, check, after, progress))
     wrong = () if placebo is None else tuple(placebos(naming, check, placebo, progress))
     return replace(
         told,
-        after=after,
         placebos=wrong,
         removed=removed,
         unverified="" if check.shows(after) else SILENT,

@@ -14,7 +14,7 @@ import numpy as np
 
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Model, Scenes, firm
-from form_drake.diagnose.noise import by_field, shaken, weighed
+from form_drake.diagnose.noise import shaken, weighed, with_grid
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
@@ -31,7 +31,6 @@ FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
 TURN = 0.02  # of a modulus, in differences
 SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
-ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
 # of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
 # for two grids, 3, meant to hold 19 cases in 20 (Verification and Validation, 1998)
 SAFE = 1.5
@@ -121,13 +120,13 @@ class Match(Projected):
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
         pairs = zip(self.scenes.spacings, self.scenes.rough.spacings, strict=True)
-        share = [SAFE / ((coarse / own) ** ORDER - 1.0) for own, coarse in pairs]
+        share = [SAFE / ((coarse / own) ** self.model.order - 1.0) for own, coarse in pairs]
         grid, rows = one - other, [int(p.keep.sum()) for p in self.problem.probes]
         noise = self.noise
         if self._moved > OTHER:
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
-        rest = by_field(self.problem, np.repeat(share, rows) * grid)
-        bent, by = _bent(finer, self.twin), noise.beside(rest)
+        by = with_grid(noise, self.problem, np.repeat(share, rows) * grid)
+        bent = _bent(finer, self.twin)
         found = replace(self, grid=grid, bent=bent, noise=noise, by=by, bent_own=None)
         return replace(found, began=found.apart)
 

@@ -1,5 +1,6 @@
 """What an effect is worth: motions that were held back, predicted without it and with it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from form_drake.weak.force import measured
 COARSER = 1.5  # times the spacing, of the grid that tells what one has wrong
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
 SURE = 3.0  # standard deviations, by which a change is another than was predicted
+
+Rolled = tuple[Recording, ...]
 
 
 @dataclass(frozen=True)
@@ -53,18 +56,19 @@ class Check:
     unread: str = ""
 
     @classmethod
-    def of(cls, scenes: Scenes, fitted: Match) -> "Check":
+    def of(cls, scenes: Scenes, fitted: Match, coarse: Rolled | None = None) -> "Check":
         """Simulate held-out scenes with a model without effects.
 
         Args:
             scenes: of the recordings that were held back.
             fitted: to the other recordings.
+            coarse: what it gives on the coarser grid; None: that is simulated too.
 
         Raises:
             ValueError: a recording does not state its scene, or a simulation fails.
         """
         scenes = replace(scenes, coarser=COARSER)
-        rolled, problem, whose = _rolled(scenes, fitted), None, "as measured"
+        rolled, problem, whose = _rolled(scenes, fitted, coarse), None, "as measured"
         try:
             problem = problem_of(scenes, fitted.problem.unknowns)
             whose = "as predicted without the effects"
@@ -77,16 +81,48 @@ class Check:
         """Recordings that were held back."""
         return self.scenes.recordings
 
-    def predicted(self, fitted: Match) -> Predicted:
+    def predicted(self, fitted: Match, coarse: Rolled | None = None) -> Predicted:
         """What a model with effects predicts.
 
         Raises:
             ValueError: a simulation fails, or cannot be read.
         """
-        rolled = _rolled(self.scenes, fitted)
+        rolled = _rolled(self.scenes, fitted, coarse)
         if self.problem is None:
             return Predicted(*rolled, None)
         return _read(self.problem, self.scenes, fitted, *rolled)
+
+    def settled(
+        self, without: Match, fitted: Match | None, progress: Callable[[str], None]
+    ) -> tuple["Check", Predicted]:
+        """What a model with effects predicts, on a finer grid too before this one refuses it.
+
+        Where bodies yield, rub or tear off, what a grid has wrong goes down slowly.
+
+        Args:
+            without: that this was made with.
+            fitted: with effects; None: there are none.
+            progress: hears what is done.
+
+        Returns:
+            This check or one on the finer grid, whose coarser one this has, and what is predicted there.
+
+        Raises:
+            ValueError: a simulation fails, or cannot be read; on the finer grid that is passed over.
+        """
+        after = self.before if fitted is None else self.predicted(fitted)
+        if self.bears_out(after):
+            return self, after
+        progress("predicting the held-out motion on a finer grid")
+        try:
+            finer = Check.of(self.scenes.times(1.0 / COARSER), without, self.before.recordings)
+            told = finer.before
+            if fitted is not None:
+                told = finer.predicted(fitted, after.recordings)
+        except ValueError:
+            return self, after
+        read = finer.before.match is not None and told.match is not None
+        return (finer, told) if read else (self, after)
 
     def bears_out(self, after: Predicted) -> bool:
         """Whether the rows change by as much as effects predict, and no more is left than may be.
@@ -152,13 +188,10 @@ class Check:
         return found
 
 
-Rolled = tuple[Recording, ...]
-
-
-def _rolled(scenes: Scenes, fitted: Match) -> tuple[Rolled, Rolled]:
-    """What a model gives on the fine and on the coarse grid."""
-    fine, coarse = (tuple(s.rolled(fitted.told)) for s in (scenes, scenes.rough))
-    return fine, coarse
+def _rolled(scenes: Scenes, fitted: Match, coarse: Rolled | None) -> tuple[Rolled, Rolled]:
+    """What a model gives on the fine and on the coarse grid, unless that is known."""
+    fine = tuple(scenes.rolled(fitted.told))
+    return fine, tuple(scenes.rough.rolled(fitted.told)) if coarse is None else coarse
 
 
 def _read(

@@ -51,7 +51,7 @@ def _fault(effect: Effect) -> str | None:
             return f"{name} must be a tuple of texts, got {told!r}"
     if strange := [one for one in effect.faces if one not in CONDITIONS]:
         return f"faces may hold {', '.join(CONDITIONS)}, got {strange[0]!r}"
-    for name in ("prior", "trial"):
+    for name in ("prior", "trial", "order"):
         if not all(_numbers(getattr(effect, name))):
             return f"{name} must be of finite numbers, got {getattr(effect, name)!r}"
     for key, values in (*effect.shapes.items(), *effect.floors.items()):
