@@ -12,14 +12,12 @@ from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.model import Model
 from form_drake.diagnose.motions import Block
-from form_drake.diagnose.noise import ALONE, with_grid
 from form_drake.diagnose.verdict import WRONG, Naming
 from form_drake.diagnose.verify import Check, Predicted, there
 from form_drake.effects import CATALOGUE
 from form_drake.effects.effect import KINKED, SMOOTH
 from form_drake.laws import LAWS
 from form_drake.records import Stream
-from form_drake.weak.solve import Weights
 
 DX, NOISE = 0.004, 5e-6
 LAW, TRUTH = LAWS["fixed-corotated"], {"mu": 20e3, "lam": 40e3}
@@ -182,19 +180,6 @@ def test_simulations_of_what_yields_near_the_finest_more_slowly(causes, order):
     coarse, fine = (np.linalg.norm(b - a) for a, b in pairwise(made))
     assert model.order == order
     assert bool(np.log(coarse / fine) > 1.5 * np.log(1.5)) is (order == SMOOTH)
-
-
-def test_what_a_grid_may_have_wrong_keeps_its_course_but_for_a_part():
-    rng = np.random.default_rng(0)
-    factors = tuple(np.linalg.cholesky(a @ a.T) for a in rng.standard_normal((2, 3, 5)))
-    labels = [SimpleNamespace(field=name) for name in "xyx"]
-    problem = SimpleNamespace(probes=[SimpleNamespace(labels=labels)] * 2)
-    error = np.array([1.0, 2.0, -3.0, 4.0, 5.0, 6.0])
-    found = with_grid(Weights(factors, 0.0), problem, error)
-    for n, (L, (one, middle, other)) in enumerate(zip(factors, error.reshape(2, 3), strict=True)):
-        kept = [[one**2, 0.0, one * other], [0.0, middle**2, 0.0], [one * other, 0.0, other**2]]
-        wanted = L @ L.T + kept + ALONE**2 * np.diag(np.diag(kept))
-        assert found.of(n).covariance(np.arange(3)) == pytest.approx(wanted)
 
 
 def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuses_if_with_them(

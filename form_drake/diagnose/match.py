@@ -14,7 +14,7 @@ import numpy as np
 
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Model, Scenes, firm
-from form_drake.diagnose.noise import shaken, weighed, with_grid
+from form_drake.diagnose.noise import by_field, shaken, weighed
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
@@ -125,8 +125,8 @@ class Match(Projected):
         noise = self.noise
         if self._moved > OTHER:
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
-        by = with_grid(noise, self.problem, np.repeat(share, rows) * grid)
-        bent = _bent(finer, self.twin)
+        rest = by_field(self.problem, np.repeat(share, rows) * grid)
+        bent, by = _bent(finer, self.twin), noise.beside(rest)
         found = replace(self, grid=grid, bent=bent, noise=noise, by=by, bent_own=None)
         return replace(found, began=found.apart)
 

@@ -12,7 +12,7 @@ from form_drake.weak.solve import Weights, weights
 PAIRS = 4  # of draws
 SURE = 4.0  # standard deviations
 LAYER = 0.05  # of the grid spacing times the strain, that a held layer is wrong by
-ALONE = 0.3  # of what a simulation has wrong, from one window to the next
+ALONE = 0.3  # of that, from one window to the next
 
 
 def most(chance: float) -> float:
@@ -58,18 +58,17 @@ def layer_error(probe: Probe, dx: float) -> np.ndarray:
     return total[np.ix_(probe.keep, probe.keep)]
 
 
-def with_grid(noise: Weights, problem: Problem, error: np.ndarray) -> Weights:
-    """With an error that a grid may have wrong, of one standard deviation, shape [rows].
+def by_field(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """An error of all rows as one of every test field, shape [rows, fields of all probes].
 
-    What a grid has wrong keeps its course in time, but for a part, and differs from place to place: of two
-    grids one tells how large it is there, not how much of it is left. So it is one error of every test
-    field, of all probes, and that part one of every row.
+    What a grid has wrong keeps its course in time and differs from place to place: of two grids one
+    tells how large it is there, not how much of it is left.
     """
     labels = [(n, row.field) for n, p in enumerate(problem.probes) for row in p.labels]
     fields = {label: n for n, label in enumerate(dict.fromkeys(labels))}
     found = np.zeros((len(error), len(fields)))
     found[np.arange(len(error)), [fields[label] for label in labels]] = error
-    return noise.alone(ALONE * error).beside(found)
+    return found
 
 
 def weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:

@@ -92,12 +92,6 @@ class Weights:
         before = np.zeros((len(errors), 0)) if self.shared is None else self.shared
         return replace(self, shared=np.hstack([before, errors]))
 
-    def alone(self, sizes: np.ndarray) -> "Weights":
-        """With one more error of every row, of these standard deviations, that it shares with none."""
-        pairs = zip(self.factors, np.split(sizes**2, self._ends), strict=True)
-        more = (np.linalg.cholesky(L @ L.T + np.diag(square)) for L, square in pairs)
-        return replace(self, factors=tuple(more))
-
 
 @dataclass(frozen=True)
 class Solution:
