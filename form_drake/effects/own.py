@@ -54,6 +54,8 @@ def _fault(effect: Effect) -> str | None:
     for name in ("prior", "trial", "order"):
         if not all(_numbers(getattr(effect, name))):
             return f"{name} must be of finite numbers, got {getattr(effect, name)!r}"
+    if not effect.order > 0.0:
+        return f"order must be positive, got {effect.order:g}"
     for key, values in (*effect.shapes.items(), *effect.floors.items()):
         if not all(_numbers(values)):
             return f"shape {key} must be of finite numbers, got {values!r}"
