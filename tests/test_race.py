@@ -480,6 +480,23 @@ def test_what_is_added_later_is_no_rival_of_what_came_first(monkeypatch, others,
     assert (found.verdict, found.passes[0].rivals) == (told, rivals[1:])
 
 
+def test_a_further_effect_competes_with_what_simulations_have_wrong_not_with_what_sensors_make():
+    """Friction of 171 beside a bias that explains 1e5 is seen; beside a drag of that size it is not."""
+    left = [SimpleNamespace(excess_left=square) for square in (1.03e5, 3e3, 1e3)]
+    for (one, other), changed in (
+        (("force-bias", "drag"), 2e3),
+        (("drag", "force-bias"), 1e5),
+        (("drag", "damping"), 1.02e5),
+        (("force-bias", "camera-scale"), 0.0),
+    ):
+        passes = [
+            verdict.Found(match, (), best=score(name, 50.0))
+            for match, name in zip(left, (one, other), strict=False)
+        ]
+        assert verdict.simulated(passes, left[2]) == pytest.approx(changed)
+    assert verdict.simulated([], left[0]) == 0.0
+
+
 def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():
     def left(square, doubt=0.0):
         match = SimpleNamespace(excess_left=square - 100.0, chance=100.0)

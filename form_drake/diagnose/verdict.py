@@ -17,7 +17,7 @@ from form_drake.identify.problem import Problem
 
 MOST = 2  # effects: three at once are less likely than one that no catalogue has
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
-WRONG = 0.08  # of what effects change, that their simulation may have wrong
+WRONG = 0.08  # of what effects of the world change, that their simulation may have wrong
 ROLLED = "simulating the twin"  # what is told when all is read
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
@@ -116,9 +116,8 @@ def named(
     gone = set[str]()
     while True:
         progress("scoring effects")
-        explained = passes[0].left - match.excess_left if passes else 0.0
         sought = [e for e in effects if e.id not in gone]
-        found = judged(match, sought, thresholds, WRONG**2 * explained)
+        found = judged(match, sought, thresholds, WRONG**2 * simulated(passes, match))
         try:
             found, after = _added(found, thresholds, progress, last=len(passes) == MOST)
         except ValueError as error:
@@ -136,6 +135,21 @@ def named(
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
     return Naming(tuple(passes), match, added, verdict, failed)
+
+
+def simulated(passes: Sequence[Found], match: Match) -> float:
+    """What effects of the world explain of the gap's square; what sensors make of a motion is exact.
+
+    Args:
+        passes: that found them.
+        match: the twin with all of them.
+    """
+    left = pairwise([*(found.left for found in passes), match.excess_left])
+    return sum(
+        before - after
+        for found, (before, after) in zip(passes, left, strict=True)
+        if found.best is not None and found.best.effect.world is not None
+    )
 
 
 def without_rivals(passes: Sequence[Found], ids: Set[str]) -> list[Found]:
