@@ -542,8 +542,6 @@ def test_a_body_that_gives_way_is_not_simulated():
         ("shown='press'", "shown must be a tuple of texts, got 'press'"),
         ("faces=('glued',)", "faces may hold free, unknown, bonded, .*, got 'glued'"),
         ("shapes={'time': ('a', 'b')}", "shape time must be of finite numbers"),
-        ("order='first'", "order must be of finite numbers, got 'first'"),
-        ("order=0.0", "order must be positive, got 0"),
         ("trial=float('nan')", "trial must be of finite numbers, got nan"),
         ("signed=False, most=-1.0", "no coefficient is above 0 and at most -1"),
         ("floors={'time': 0.0}", "floors are of shapes, got time"),

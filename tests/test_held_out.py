@@ -1,7 +1,6 @@
 """What held-out motion tells of a prediction: errors beyond noise and grid, and rows of the balance."""
 
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,12 +9,10 @@ import pytest
 from form_drake.diagnose import Cause, Scenes
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.channel import Channel
-from form_drake.diagnose.model import Model
 from form_drake.diagnose.motions import Block
 from form_drake.diagnose.verdict import WRONG, Naming
 from form_drake.diagnose.verify import Check, Predicted, there
 from form_drake.effects import CATALOGUE
-from form_drake.effects.effect import KINKED, SMOOTH
 from form_drake.laws import LAWS
 from form_drake.records import Stream
 
@@ -82,15 +79,15 @@ def test_held_out_forces_count_among_the_frames_alone():
     predicted = Predicted((still,), (still,), None)
     loud = np.where(force.time > time[-1] + 1e-9, 5.0, 0.0)[:, None] + force.value
     seen = replace(short, forces={"plate": Stream(force.time, loud, noise=1e-3)})
-    _, channel = Check(Scenes.of((seen,), DX), None, predicted).channels(predicted)
-    assert channel.before == 0.0 and not channel.counts
+    _, force = Check(Scenes.of((seen,), DX), None, predicted).channels(predicted)
+    assert force.before == 0.0 and not force.counts
 
 
 def rows_of(before, after, chance=50.0):
     """Of held-out rows of unit variance, before and after: one that effects change, and another."""
     own = [np.array(rows) for rows in (before, after)]
     by = SimpleNamespace(white=lambda a: a)
-    match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance)
+    match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance, gross=False)
     was = SimpleNamespace(match=SimpleNamespace(apart=own[0]))
     return Check(SimpleNamespace(), None, was), Predicted((), (), match)
 
@@ -130,68 +127,117 @@ def test_held_out_rows_change_by_as_much_as_was_predicted(monkeypatch, predicted
         assert borne_out(((2.0 - there) * predicted, 0.0), (-gap + predicted, 0.0)) is fits
 
 
-@pytest.mark.parametrize("named", [True, False])
+def channel(**more):
+    told = {"before": 1.0, "after": 0.1, "noise": 0.1, "samples": 1000, "grid": 0.01}
+    return Channel("force", "N", **told | more)
+
+
 @pytest.mark.parametrize(
-    ("finer", "there"),
-    [((0.0, 0.1), True), ((0.0, 12.0), True), (None, False), (ValueError("it broke down"), False)],
+    ("channels", "fits"),
+    [
+        ([], True),
+        ([channel()], True),
+        ([channel(), channel(after=1.1)], False),  # one is worse
+        ([channel(after=1.01)], False),  # none is better
+        ([channel(before=0.01, after=0.02)], True),  # too small to count
+    ],
 )
+def test_what_makes_a_channel_worse_or_helps_in_none_is_refused(monkeypatch, channels, fits):
+    check, after = rows_of((0.0, 0.1), (0.0, 0.1))
+    monkeypatch.setattr(Check, "channels", lambda *a: channels)
+    assert check.stands(after) is fits
+    check, after = rows_of((0.0, 12.0), (0.0, 12.0))
+    assert not check.stands(after)
+
+
+FINER = [
+    ((0.0, 0.1), True, True),
+    ((0.0, 12.0), True, False),
+    (None, False, False),
+    (ValueError("it broke down"), False, False),
+]
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(("finer", "there", "fits"), FINER)
 def test_before_held_out_rows_refuse_they_are_predicted_on_a_finer_grid(
-    monkeypatch, finer, there, named
+    monkeypatch, finer, there, fits, named
 ):
-    """Whatever they say there; where it cannot be simulated, or read, the coarser one stays."""
-    asked, fitted = [], SimpleNamespace() if named else None
+    """Whatever they say there; where it cannot be simulated, or less be read, the coarser one stays."""
+    fitted, without, asked = SimpleNamespace() if named else None, SimpleNamespace(), []
 
-    def rows(told):
-        return rows_of(told, told)[1] if told else Predicted((), (), None)
+    def rows(told, *recordings):
+        match = None if told is None else rows_of(told, told)[1].match
+        return Predicted(recordings, (), match)
 
-    def of(scenes, without, coarse):
-        asked.append((scenes.dx[0], coarse))
+    def of(scenes, match, coarse):
+        asked.append((scenes.dx[0], match is without, coarse))
         if isinstance(finer, ValueError):
             raise finer
         return replace(check, scenes=scenes, before=rows(finer))
 
     def predicted(self, match, coarse=None):
-        return rows(finer if self.scenes.dx[0] < DX else (0.0, 12.0))
+        asked.append((self.scenes.dx[0], match is without, coarse))
+        return rows(finer if self.scenes.dx[0] < DX else (0.0, 12.0), "after")
 
     monkeypatch.setattr(Check, "of", of)
     monkeypatch.setattr(Check, "predicted", predicted)
-    before = replace(rows((0.0, 12.0)), recordings=(PROBE,))
-    check = Check(Scenes.of((PROBE,), DX), None, before)
-    chosen, after = check.settled(SimpleNamespace(), fitted, lambda text: None)
-    assert asked == [(pytest.approx(DX / 1.5), (PROBE,))]
+    monkeypatch.setattr(Check, "channels", lambda *a: [])
+    check = Check(Scenes.of((PROBE,), DX), None, rows((0.0, 12.0), "before"))
+    chosen, after = check.settled(without, fitted, lambda text: None)
+    small = pytest.approx(DX / 1.5)
+    both = not isinstance(finer, ValueError)
+    wanted = [(DX, False, None)] * named + [(small, True, ("before",))]
+    assert asked == wanted + [(small, False, ("after",))] * (named and both)
     assert (chosen.scenes.dx[0] < DX) is there and after.match is not None
-    assert chosen.bears_out(after) is (finer == (0.0, 0.1))
+    assert chosen.stands(after) is fits
 
 
-def test_what_held_out_rows_bear_out_is_predicted_once(monkeypatch):
-    check, after = rows_of((0.0, 0.1), (0.0, 0.1))
+@pytest.mark.parametrize(("left", "gross"), [(0.1, False), (12.0, True)])
+def test_what_held_out_rows_bear_out_or_no_grid_has_wrong_is_predicted_once(
+    monkeypatch, left, gross
+):
+    check, after = rows_of((0.0, left), (0.0, left))
+    after.match.gross = gross
     monkeypatch.setattr(Check, "predicted", lambda self, match: after)
+    monkeypatch.setattr(Check, "channels", lambda *a: [])
     monkeypatch.delattr(Check, "of")
     told = check.settled(SimpleNamespace(), SimpleNamespace(), lambda text: None)
     assert told == (check, after)
 
 
-@pytest.mark.parametrize(("causes", "order"), [((), SMOOTH), ((("yield", 0.01),), KINKED)])
-def test_simulations_of_what_yields_near_the_finest_more_slowly(causes, order):
-    """The order of a bonded block is less than that of splines, as stress is singular at its edges."""
-    acting = tuple(Cause(CATALOGUE[name], 1.0, {"strain": strain}) for name, strain in causes)
-    model = Model(LAW, TRUTH, acting)
-    made = [Scenes.of((PROBE,), DX * f).rolled(model)[0].p_WQ for f in (1.5, 1.0, 1.0 / 1.5)]
-    coarse, fine = (np.linalg.norm(b - a) for a, b in pairwise(made))
-    assert model.order == order
-    assert bool(np.log(coarse / fine) > 1.5 * np.log(1.5)) is (order == SMOOTH)
+def read_and_named(monkeypatch):
+    """Held-out motion of one that seems to be dragged."""
+    own = SimpleNamespace(values={})
+    passes = (SimpleNamespace(match=SimpleNamespace(told=own), alike=()),)
+    match = SimpleNamespace(told=own, on=lambda coarser: None)
+    found = Naming(passes, match, (Cause(CATALOGUE["drag"], 2.0, {}),), "named")
+    read_as = SimpleNamespace(probes=[SimpleNamespace(body=SimpleNamespace(density=1000.0))])
+    for name, made in (("read", (read_as, own)), ("named", found)):
+        monkeypatch.setattr(f"form_drake.diagnose.diagnosis.{name}", lambda *a, made=made: made)
+
+
+def test_what_is_told_of_held_out_motion_is_of_the_grid_that_decides(monkeypatch):
+    read_and_named(monkeypatch)
+    after, asked = Predicted((), (), None), []
+    finer = SimpleNamespace(
+        stands=lambda *a: True, shows=lambda *a: True, scenes=SimpleNamespace(dx=(0.001,))
+    )
+    finer.channels = lambda told: asked.append(told) or [channel()]
+    coarse = SimpleNamespace(settled=lambda *a: (finer, after))
+    monkeypatch.setattr(Check, "of", lambda *a: coarse)
+    unseen = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-9)
+    seen = [replace(one, noise=NOISE) for one in (PROBE, unseen)]
+    told = diagnosis(seen[:1], LAW, effects=[], thresholds={}, holdout=seen[1:], dx=DX)
+    assert told.check is finer and told.verdict == "named"
+    assert told.channels == (channel(),) and asked == [after]
 
 
 def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuses_if_with_them(
     monkeypatch,
 ):
     """What was named stays where its recording is what fails."""
-    own = SimpleNamespace(values={})
-    passes = (SimpleNamespace(match=SimpleNamespace(told=own), alike=()),)
-    found = Naming(passes, SimpleNamespace(told=own), (Cause(CATALOGUE["drag"], 2.0, {}),), "named")
-    read_as = SimpleNamespace(probes=[SimpleNamespace(body=SimpleNamespace(density=1000.0))])
-    for name, made in (("read", (read_as, own)), ("named", found)):
-        monkeypatch.setattr(f"form_drake.diagnose.diagnosis.{name}", lambda *a, made=made: made)
+    read_and_named(monkeypatch)
 
     def fails(*arguments):
         raise ValueError("it broke down")

@@ -481,11 +481,10 @@ def test_what_is_added_later_is_no_rival_of_what_came_first(monkeypatch, others,
 
 
 def test_a_further_effect_competes_with_what_simulations_have_wrong_not_with_what_sensors_make():
-    """Friction of 171 beside a bias that explains 1e5 is seen; beside a drag of that size it is not."""
     left = [SimpleNamespace(excess_left=square) for square in (1.03e5, 3e3, 1e3)]
     for (one, other), changed in (
-        (("force-bias", "drag"), 2e3),
-        (("drag", "force-bias"), 1e5),
+        (("force-bias", "drag"), 1.02e5),
+        (("drag", "force-bias"), 1.02e5),
         (("drag", "damping"), 1.02e5),
         (("force-bias", "camera-scale"), 0.0),
     ):
@@ -495,6 +494,32 @@ def test_a_further_effect_competes_with_what_simulations_have_wrong_not_with_wha
         ]
         assert verdict.simulated(passes, left[2]) == pytest.approx(changed)
     assert verdict.simulated([], left[0]) == 0.0
+
+
+@pytest.mark.parametrize(("first", "doubt"), [("force-bias", 0.0), ("drag", 1e5)])
+def test_after_what_acts_in_the_world_more_must_be_explained(monkeypatch, first, doubt):
+    def twin(left, *causes):
+        model = Model(LAWS["neo-hookean"], {}, causes)
+        found = SimpleNamespace(model=model, told=model, excess_left=left, chance=100.0)
+        found.lighter, found.worth = found, lambda n=-1: 1e5
+        return found
+
+    asked, seen = [], score(first, 50.0)
+    bare, after = twin(1e5 + 30.0), twin(30.0, Cause(CATALOGUE[first], 1.0, {}))
+
+    def judged(match, effects, thresholds, doubt):
+        asked.append(doubt)
+        return verdict.Found(match, (seen,), (seen,) if match is bare else (), doubt=doubt)
+
+    def added(found, *rest, last):
+        return (replace(found, best=seen), after) if found.seen else (found, None)
+
+    monkeypatch.setattr(verdict, "judged", judged)
+    monkeypatch.setattr(verdict, "_added", added)
+    monkeypatch.setattr(verdict, "matched", lambda match, **options: match)
+    monkeypatch.setattr(verdict.Match, "of", lambda *of: bare)
+    verdict.named(None, None, Model(LAWS["neo-hookean"], {}), [], {})
+    assert asked == [0.0, pytest.approx(verdict.WRONG**2 * doubt)]
 
 
 def test_more_than_noise_and_what_simulations_have_wrong_is_not_enough():

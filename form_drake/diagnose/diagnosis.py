@@ -58,13 +58,7 @@ class Diagnosis:
     @cached_property
     def verdict(self) -> Verdict:
         """That of the naming, unless held-out motion does not bear it out."""
-        counting = [c for c in self.channels if c.counts]
-        worse = any(c.worse for c in self.channels)
-        helped = not counting or max(c.closure for c in counting) > 0.0
-        added = bool(self.naming.added)
-        if added and self.check and self.after and not self.check.bears_out(self.after):
-            return "unnamed"
-        if self.naming.verdict in ("named", "ambiguous") and (worse or not helped):
+        if self.naming.added and self.check and self.after and not self.check.stands(self.after):
             return "unnamed"
         if self.naming.verdict == "named" and self.doubts:
             return "ambiguous"
@@ -182,6 +176,7 @@ class Diagnosis:
             ],
             "advice": self.advice.to_json(),
             "gap": [c.to_json() for c in self.channels],
+            "dx": list(self.check.scenes.dx) if self.check else [],
             "unverified": self.unverified or None,
             "placebos": [p.to_json() for p in self.placebos],
             "removed": [r.to_json() for r in self.removed],

@@ -31,6 +31,7 @@ FAR = 0.2  # of the rows, from which what the grid has wrong says nothing
 MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
 TURN = 0.02  # of a modulus, in differences
 SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
+ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
 # of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
 # for two grids, 3, meant to hold 19 cases in 20 (Verification and Validation, 1998)
 SAFE = 1.5
@@ -120,7 +121,7 @@ class Match(Projected):
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
         pairs = zip(self.scenes.spacings, self.scenes.rough.spacings, strict=True)
-        share = [SAFE / ((coarse / own) ** self.model.order - 1.0) for own, coarse in pairs]
+        share = [SAFE / ((coarse / own) ** ORDER - 1.0) for own, coarse in pairs]
         grid, rows = one - other, [int(p.keep.sum()) for p in self.problem.probes]
         noise = self.noise
         if self._moved > OTHER:

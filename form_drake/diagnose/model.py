@@ -8,7 +8,6 @@ import numpy as np
 
 from form_drake.effects import Effect, Shape, World
 from form_drake.effects.acting import Known, changed, known, sensed
-from form_drake.effects.effect import KINKED, SMOOTH
 from form_drake.laws import ADDITIONS, Law, Values
 from form_drake.material import Acting, Material
 from form_drake.motion import Body, body
@@ -190,12 +189,6 @@ class Model:
         size = effect.tried(G or K, of.density * float(np.prod(of.high - of.low)))
         shares = sum(c.coefficient for c in self.causes if c.effect.share)
         return -size if effect.share and shares + size > 1.0 else size
-
-    @property
-    def order(self) -> float:
-        """Of the grid spacing, to which simulations have displacements wrong."""
-        least = SMOOTH if self.law.flow == "elastic" else KINKED
-        return min([least, *(c.effect.order for c in self.causes)])
 
     @property
     def whole(self) -> "Model":

@@ -6,7 +6,7 @@ size: it begins wherever it is seen. A few steps of each show which comes neares
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Generic
 
@@ -89,8 +89,12 @@ def raced(
     """
     match = match.on(SEARCH)
     runners, failure = [], ValueError("no effect is given")
-    tried = field(seen, nearly)
-    starts = [start for score in tried for start in _starts(match, score, nearly * seen[0].score)]
+    starts = list[Score]()
+    for score in field(seen, nearly):
+        try:
+            starts += _starts(match, score, nearly * seen[0].score)
+        except ValueError:  # a column of one's own fails closer by
+            starts.append(score)
     for start in starts:
         progress(f"trying {start.effect.id}")
         try:
@@ -150,15 +154,21 @@ def _starts(match: Projected, score: Score, least: float) -> list[Score]:
 
 
 def _closer(match: Projected, score: Score) -> Score:
-    """The best of its sign at places that lie closer than those that were tried, around it."""
+    """The best of its sign at places that lie closer than those that were tried, around it.
+
+    They stay as far from faces, and their scores are comparable.
+    """
     body, effect = match.bodies[0], score.effect
+    spacing, sides = (
+        (body.high - body.low) / PLACES,
+        np.array(list(product((-1.0, 0.0, 1.0), repeat=3))),
+    )
+    luck = 2.0 * np.log(PLACES**3 / len(sides))
     for share in CLOSER:
-        middle = np.array([score.shape[k] for k in "xyz"])
-        sides = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
-        places = middle + share * (body.high - body.low) / PLACES * sides
-        places = np.clip(places, body.low, body.high)
+        places = np.array([score.shape[k] for k in "xyz"]) + share * spacing * sides
+        places = np.clip(places, body.low + 0.5 * spacing, body.high - 0.5 * spacing)
         around = [{**score.shape, **dict(zip("xyz", p, strict=True))} for p in places.tolist()]
-        found = ranked(match, effect, around)
+        found = (replace(s, score=s.score - luck) for s in ranked(match, effect, around))
         score = next((s for s in found if s.coefficient * score.coefficient > 0.0), score)
     return score
 

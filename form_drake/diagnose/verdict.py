@@ -17,7 +17,7 @@ from form_drake.identify.problem import Problem
 
 MOST = 2  # effects: three at once are less likely than one that no catalogue has
 LEAST = 16.0  # of a threshold: four standard deviations, whatever the nulls are
-WRONG = 0.08  # of what effects of the world change, that their simulation may have wrong
+WRONG = 0.08  # of what effects change, that their simulation may have wrong
 ROLLED = "simulating the twin"  # what is told when all is read
 
 Verdict = Literal["none", "named", "ambiguous", "unnamed"]
@@ -138,18 +138,17 @@ def named(
 
 
 def simulated(passes: Sequence[Found], match: Match) -> float:
-    """What effects of the world explain of the gap's square; what sensors make of a motion is exact.
+    """What effects explain of the gap's square if any of them acts in the world.
+
+    What sensors make of a motion is exact.
 
     Args:
         passes: that found them.
         match: the twin with all of them.
     """
-    left = pairwise([*(found.left for found in passes), match.excess_left])
-    return sum(
-        before - after
-        for found, (before, after) in zip(passes, left, strict=True)
-        if found.best is not None and found.best.effect.world is not None
-    )
+    if all(found.best is None or found.best.effect.world is None for found in passes):
+        return 0.0
+    return passes[0].left - match.excess_left
 
 
 def without_rivals(passes: Sequence[Found], ids: Set[str]) -> list[Found]:

@@ -95,9 +95,9 @@ class Check:
     def settled(
         self, without: Match, fitted: Match | None, progress: Callable[[str], None]
     ) -> tuple["Check", Predicted]:
-        """What a model with effects predicts, on a finer grid too before this one refuses it.
+        """What a model with effects predicts, on a finer grid before this one refuses it.
 
-        Where bodies yield, rub or tear off, what a grid has wrong goes down slowly.
+        Where bodies yield, say, what a grid has wrong goes down slowly; far more than that is no grid's.
 
         Args:
             without: that this was made with.
@@ -105,13 +105,14 @@ class Check:
             progress: hears what is done.
 
         Returns:
-            This check or one on the finer grid, whose coarser one this has, and what is predicted there.
+            This check, or one on a finer grid of which this one's is the coarser, where as much can be
+            read; and what is predicted there.
 
         Raises:
             ValueError: a simulation fails, or cannot be read; on the finer grid that is passed over.
         """
         after = self.before if fitted is None else self.predicted(fitted)
-        if self.bears_out(after):
+        if self.stands(after) or (after.match is not None and after.match.gross):
             return self, after
         progress("predicting the held-out motion on a finer grid")
         try:
@@ -121,8 +122,19 @@ class Check:
                 told = finer.predicted(fitted, after.recordings)
         except ValueError:
             return self, after
-        read = finer.before.match is not None and told.match is not None
-        return (finer, told) if read else (self, after)
+        pairs = ((self.before, finer.before), (after, told))
+        less = any(mine.match is not None and own.match is None for mine, own in pairs)
+        return (self, after) if less else (finer, told)
+
+    def stands(self, after: Predicted) -> bool:
+        """Whether rows bear out what effects predict, no channel is worse, and one is better if any counts."""
+        if not self.bears_out(after):
+            return False
+        if after is self.before:
+            return True
+        channels = self.channels(after)
+        counting = [c.closure for c in channels if c.counts]
+        return not any(c.worse for c in channels) and (not counting or max(counting) > 0.0)
 
     def bears_out(self, after: Predicted) -> bool:
         """Whether the rows change by as much as effects predict, and no more is left than may be.

@@ -15,9 +15,6 @@ Shape = Mapping[str, float]
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
 FAR = 10.0  # times what was, or is likely at most, that a search goes to at once
 SOFT, LIGHT = 1e4, 0.02  # shear modulus [Pa] and mass [kg] for which trials are stated
-# order of the grid spacing, to which displacements of a simulation are wrong: quadratic splines; where what
-# yields meets what does not
-SMOOTH, KINKED = 3.0, 1.0
 PLACE = {"x", "y", "z", "radius"}  # shape parameters of an effect that acts in a ball
 CONDITIONS = ("free", "unknown", "bonded", "frictionless", "touched")  # of faces
 
@@ -145,7 +142,6 @@ class Effect:
         most: largest coefficient that there can be.
         share: whether the coefficient is a share of the stress: all of them add up to one at most.
         bends: whether it acts by how large the stress is: the law's columns are others beside it then.
-        order: of the grid spacing, to which simulations with it have displacements wrong.
         trial: coefficient with which an effect is simulated that has no column, or has one that is
             sharper than tracks are read; small, for a body of ``LIGHT`` whose shear modulus is ``SOFT``.
         faces: conditions of faces that it needs one of; empty: none.
@@ -171,7 +167,6 @@ class Effect:
     most: float = np.inf
     share: bool = False
     bends: bool = False
-    order: float = SMOOTH
     trial: float = 0.0
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)

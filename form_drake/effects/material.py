@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from form_drake.effects.effect import KINKED, Effect, Reading, Shape, ball
+from form_drake.effects.effect import Effect, Reading, Shape, ball
 from form_drake.effects.world import Inclusion, World
 from form_drake.laws import ADDITIONS, Law
 from form_drake.laws.memory import Memory
@@ -152,7 +152,6 @@ YIELD = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"]),
     id="yield",
     sentence="a share of the stress grows no more beyond a strain: the body yields",
-    order=KINKED,
     trial=0.02,
     shown=("press, release and wait",),
     shapes={"strain": STRAINS},
@@ -161,7 +160,6 @@ HARDENING = _remembering(
     lambda share, shape: Memory(share, strain=shape["strain"], growth=shape["growth"]),
     id="hardening",
     sentence="the body yields, and the more it has yielded the more it bears",
-    order=KINKED,
     trial=0.02,
     shown=("presses of two depths, each with release",),
     shapes={"strain": STRAINS, "growth": (0.2, 1.0)},

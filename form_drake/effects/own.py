@@ -51,11 +51,9 @@ def _fault(effect: Effect) -> str | None:
             return f"{name} must be a tuple of texts, got {told!r}"
     if strange := [one for one in effect.faces if one not in CONDITIONS]:
         return f"faces may hold {', '.join(CONDITIONS)}, got {strange[0]!r}"
-    for name in ("prior", "trial", "order"):
+    for name in ("prior", "trial"):
         if not all(_numbers(getattr(effect, name))):
             return f"{name} must be of finite numbers, got {getattr(effect, name)!r}"
-    if not effect.order > 0.0:
-        return f"order must be positive, got {effect.order:g}"
     for key, values in (*effect.shapes.items(), *effect.floors.items()):
         if not all(_numbers(values)):
             return f"shape {key} must be of finite numbers, got {values!r}"
