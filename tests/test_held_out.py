@@ -87,7 +87,7 @@ def rows_of(before, after, chance=50.0):
     """Of held-out rows of unit variance, before and after: one that effects change, and another."""
     own = [np.array(rows) for rows in (before, after)]
     by = SimpleNamespace(white=lambda a: a)
-    match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance, gross=False)
+    match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance)
     was = SimpleNamespace(match=SimpleNamespace(apart=own[0]))
     return Check(SimpleNamespace(), None, was), Predicted((), (), match)
 
@@ -150,20 +150,15 @@ def test_what_makes_a_channel_worse_or_helps_in_none_is_refused(monkeypatch, cha
     assert not check.stands(after)
 
 
-FINER = [
-    ((0.0, 0.1), True, True),
-    ((0.0, 12.0), True, False),
-    (None, False, False),
-    (ValueError("it broke down"), False, False),
-]
-
-
 @pytest.mark.parametrize("named", [True, False])
-@pytest.mark.parametrize(("finer", "there", "fits"), FINER)
-def test_before_held_out_rows_refuse_they_are_predicted_on_a_finer_grid(
-    monkeypatch, finer, there, fits, named
+@pytest.mark.parametrize(
+    ("finer", "there"),
+    [((0.0, 0.1), True), ((0.0, 12.0), True), (None, False), (ValueError("it broke"), False)],
+)
+def test_held_out_motion_on_a_finer_grid_has_this_one_as_its_coarser(
+    monkeypatch, finer, there, named
 ):
-    """Whatever they say there; where it cannot be simulated, or less be read, the coarser one stays."""
+    """Where it cannot be simulated, or less be read, this one stays."""
     fitted, without, asked = SimpleNamespace() if named else None, SimpleNamespace(), []
 
     def rows(told, *recordings):
@@ -176,61 +171,67 @@ def test_before_held_out_rows_refuse_they_are_predicted_on_a_finer_grid(
             raise finer
         return replace(check, scenes=scenes, before=rows(finer))
 
-    def predicted(self, match, coarse=None):
+    def predicted(self, match, coarse):
         asked.append((self.scenes.dx[0], match is without, coarse))
-        return rows(finer if self.scenes.dx[0] < DX else (0.0, 12.0), "after")
+        return rows(finer)
 
     monkeypatch.setattr(Check, "of", of)
     monkeypatch.setattr(Check, "predicted", predicted)
-    monkeypatch.setattr(Check, "channels", lambda *a: [])
     check = Check(Scenes.of((PROBE,), DX), None, rows((0.0, 12.0), "before"))
-    chosen, after = check.settled(without, fitted, lambda text: None)
-    small = pytest.approx(DX / 1.5)
-    both = not isinstance(finer, ValueError)
-    wanted = [(DX, False, None)] * named + [(small, True, ("before",))]
-    assert asked == wanted + [(small, False, ("after",))] * (named and both)
-    assert (chosen.scenes.dx[0] < DX) is there and after.match is not None
-    assert chosen.stands(after) is fits
+    here = rows((0.0, 12.0), "after") if named else check.before
+    chosen, after = check.finer(without, fitted, here)
+    small, simulated = pytest.approx(DX / 1.5), not isinstance(finer, ValueError)
+    wanted = [(small, True, ("before",))] + [(small, False, ("after",))] * (named and simulated)
+    assert asked == wanted
+    assert (chosen.scenes.dx[0] < DX) is there is (after is not here)
+    assert after.match is not None and (named or after is chosen.before)
 
 
-@pytest.mark.parametrize(("left", "gross"), [(0.1, False), (12.0, True)])
-def test_what_held_out_rows_bear_out_or_no_grid_has_wrong_is_predicted_once(
-    monkeypatch, left, gross
-):
-    check, after = rows_of((0.0, left), (0.0, left))
-    after.match.gross = gross
-    monkeypatch.setattr(Check, "predicted", lambda self, match: after)
-    monkeypatch.setattr(Check, "channels", lambda *a: [])
-    monkeypatch.delattr(Check, "of")
-    told = check.settled(SimpleNamespace(), SimpleNamespace(), lambda text: None)
-    assert told == (check, after)
-
-
-def read_and_named(monkeypatch):
-    """Held-out motion of one that seems to be dragged."""
+def read_and_named(monkeypatch, verdict="named"):
+    """What seems to be dragged, or nothing."""
     own = SimpleNamespace(values={})
     passes = (SimpleNamespace(match=SimpleNamespace(told=own), alike=()),)
     match = SimpleNamespace(told=own, on=lambda coarser: None)
-    found = Naming(passes, match, (Cause(CATALOGUE["drag"], 2.0, {}),), "named")
+    dragged = (Cause(CATALOGUE["drag"], 2.0, {}),) * (verdict != "none")
+    found = Naming(passes, match, dragged, verdict)
     read_as = SimpleNamespace(probes=[SimpleNamespace(body=SimpleNamespace(density=1000.0))])
     for name, made in (("read", (read_as, own)), ("named", found)):
         monkeypatch.setattr(f"form_drake.diagnose.diagnosis.{name}", lambda *a, made=made: made)
 
 
-def test_what_is_told_of_held_out_motion_is_of_the_grid_that_decides(monkeypatch):
-    read_and_named(monkeypatch)
-    after, asked = Predicted((), (), None), []
-    finer = SimpleNamespace(
-        stands=lambda *a: True, shows=lambda *a: True, scenes=SimpleNamespace(dx=(0.001,))
-    )
-    finer.channels = lambda told: asked.append(told) or [channel()]
-    coarse = SimpleNamespace(settled=lambda *a: (finer, after))
-    monkeypatch.setattr(Check, "of", lambda *a: coarse)
-    unseen = replace(PROBE, p_WQ=PROBE.p_WQ + 1e-9)
-    seen = [replace(one, noise=NOISE) for one in (PROBE, unseen)]
+@pytest.mark.parametrize(
+    ("verdict", "stands", "decides"),
+    [
+        ("named", False, "finer"),
+        ("none", False, "finer"),
+        ("named", True, "here"),
+        ("unnamed", False, "here"),
+    ],
+)
+def test_before_held_out_motion_refuses_a_finer_grid_decides(monkeypatch, verdict, stands, decides):
+    """And all that is told is of that one."""
+    read_and_named(monkeypatch, verdict)
+    seen = [replace(one, noise=NOISE) for one in (PROBE, replace(PROBE, p_WQ=PROBE.p_WQ + 1e-9))]
+
+    def check(name, fits):
+        own = SimpleNamespace(
+            name=name,
+            before=f"before {name}",
+            scenes=SimpleNamespace(dx=()),
+            bears_out=lambda a: fits,
+        )
+        own.predicted = lambda match: f"after {name}"
+        own.stands, own.shows = lambda after: fits, lambda after: True
+        own.channels = lambda after: [channel()] * (after == f"after {name}")
+        return own
+
+    here, finer = check("here", stands), check("finer", True)
+    after = finer.before if verdict == "none" else "after finer"
+    here.finer = lambda *given: (finer, after)
+    monkeypatch.setattr(Check, "of", lambda *a: here)
     told = diagnosis(seen[:1], LAW, effects=[], thresholds={}, holdout=seen[1:], dx=DX)
-    assert told.check is finer and told.verdict == "named"
-    assert told.channels == (channel(),) and asked == [after]
+    assert told.check.name == decides and told.verdict == verdict
+    assert told.doubts == () and len(told.channels) == (verdict != "none")
 
 
 def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuses_if_with_them(
@@ -253,7 +254,7 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
 
     monkeypatch.setattr(Check, "of", fails)
     assert told().verdict == "named" and told().unverified == "it broke down"
-    monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(settled=fails))
+    monkeypatch.setattr(Check, "of", lambda *a: SimpleNamespace(predicted=fails))
     assert told().verdict == "unnamed"
     assert told().sentence().endswith("fails, held-out motion as predicted: it broke down")
 

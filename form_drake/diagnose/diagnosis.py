@@ -248,12 +248,15 @@ def _verified(
     told: Diagnosis, check: Check, placebo: int | None, progress: Callable[[str], None]
 ) -> Diagnosis:
     """With held-out motion predicted with what was added, without one of several, and with placebos."""
-    naming, without = told.naming, told.naming.passes[0].match
+    naming, fitted = told.naming, told.naming.match if told.naming.added else None
     try:
-        check, after = check.settled(without, naming.match if naming.added else None, progress)
+        after = check.before if fitted is None else check.predicted(fitted)
     except ValueError as error:
         failed = f"held-out motion as predicted: {error}"
         return replace(told, naming=replace(naming, verdict="unnamed", failed=failed))
+    if naming.verdict != "unnamed" and not check.stands(after):
+        progress("predicting the held-out motion on a finer grid")
+        check, after = check.finer(naming.passes[0].match, fitted, after)
     told = replace(told, check=check, after=after)
     if not naming.added:
         off = not check.bears_out(after)

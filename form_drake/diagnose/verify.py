@@ -1,6 +1,5 @@
 """What an effect is worth: motions that were held back, predicted without it and with it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,29 +91,21 @@ class Check:
             return Predicted(*rolled, None)
         return _read(self.problem, self.scenes, fitted, *rolled)
 
-    def settled(
-        self, without: Match, fitted: Match | None, progress: Callable[[str], None]
+    def finer(
+        self, without: Match, fitted: Match | None, after: Predicted
     ) -> tuple["Check", Predicted]:
-        """What a model with effects predicts, on a finer grid before this one refuses it.
+        """The same on a finer grid, of which this one is the coarser, if as much can be read there.
 
-        Where bodies yield, say, what a grid has wrong goes down slowly; far more than that is no grid's.
+        Where bodies yield, say, what a grid has wrong goes down slowly.
 
         Args:
             without: that this was made with.
             fitted: with effects; None: there are none.
-            progress: hears what is done.
+            after: predicted with it here.
 
         Returns:
-            This check, or one on a finer grid of which this one's is the coarser, where as much can be
-            read; and what is predicted there.
-
-        Raises:
-            ValueError: a simulation fails, or cannot be read; on the finer grid that is passed over.
+            The check and what is predicted there; or this one with ``after``.
         """
-        after = self.before if fitted is None else self.predicted(fitted)
-        if self.stands(after) or (after.match is not None and after.match.gross):
-            return self, after
-        progress("predicting the held-out motion on a finer grid")
         try:
             finer = Check.of(self.scenes.times(1.0 / COARSER), without, self.before.recordings)
             told = finer.before
@@ -123,7 +114,7 @@ class Check:
         except ValueError:
             return self, after
         pairs = ((self.before, finer.before), (after, told))
-        less = any(mine.match is not None and own.match is None for mine, own in pairs)
+        less = any(here.match is not None and there.match is None for here, there in pairs)
         return (self, after) if less else (finer, told)
 
     def stands(self, after: Predicted) -> bool:
