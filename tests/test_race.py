@@ -308,6 +308,38 @@ def test_a_place_is_sought_closer_for_either_sign(course, monkeypatch, other, tr
     assert starts[-1] == pytest.approx(4.0 if tried else -8.0, abs=1.0)
 
 
+def test_a_place_that_is_sought_closer_keeps_off_faces_and_scores_as_those_of_the_grid(
+    course, monkeypatch
+):
+    """For chance as much is taken off as where all places of the grid are tried."""
+    match, _ = course
+    match.bodies, best = seen_at(monkeypatch, [(20.0, 1.0, 1000.0)])
+    match.near = lambda told: [100.0]
+    (only,) = race.raced(match, [best])
+    assert 1e3 * only.score.shape["x"] == pytest.approx(16.0)
+    between = [(6.0, 1.0, 1000.0)]  # a quarter of the spacing from a place of the grid
+    match.bodies, best = seen_at(monkeypatch, between)
+    (only,) = race.raced(match, [best])
+    assert 1e3 * only.score.shape["x"] == pytest.approx(6.0)
+    assert only.score.score == pytest.approx(1000.0 - 2.0 * np.log(125.0 / 27.0))
+
+
+def test_a_column_that_fails_closer_by_leaves_the_place_of_the_grid(course, monkeypatch):
+    match, _ = course
+    match.bodies, best = seen_at(monkeypatch, [(6.0, 1.0, 1000.0)])
+    whole = race.ranked
+
+    def ranked(match, effect, tried):
+        if len(tried) < 125:
+            raise ValueError("effect own: its column is not finite")
+        return whole(match, effect, tried)
+
+    monkeypatch.setattr(race, "ranked", ranked)
+    match.near = lambda told: [100.0]
+    (only,) = race.raced(match, [best])
+    assert only.score is best
+
+
 def test_a_place_is_sought_from_several(course, monkeypatch):
     """But not beside one that is tried, nor where too little is explained."""
     match, _ = course
