@@ -61,4 +61,4 @@ def test_what_is_hidden_stands_out_and_nothing_where_nothing_is(plate, tmp_path)
     for name, seen in scored.items():
         assert name in seen[:FIELD], f"{name}: {seen}"  # so that its simulation decides
     first = [name for name, seen in scored.items() if right(name, {"name": seen[0], "class": []})]
-    assert len(first) >= 6, scored  # the others when they are simulated
+    assert len(first) >= len(scored) - 1, scored  # the other when it is simulated
