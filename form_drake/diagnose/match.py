@@ -231,10 +231,8 @@ class Match(Projected):
         return firm(unknowns.law, values, unknowns.known)
 
     def turned(self, values: Values) -> np.ndarray:
-        (eta, theta), now = (
-            self.twin.coordinates(values),
-            self.twin.coordinates(self.model.values)[0],
-        )
+        eta, theta = self.twin.coordinates(values)
+        now = self.twin.coordinates(self.model.values)[0]
         return np.concatenate([self.problem.unknowns.phi(theta) - self._phi, eta - now])
 
     @property

@@ -87,9 +87,8 @@ class Cause(Known):
         floors = np.array([effect.floors.get(k, -np.inf) for k in effect.shapes])
         least = np.maximum(least, floors - now)
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
-        own = (
-            change[0] if size == wanted else size - self.coefficient
-        )  # what is not cut is not rounded
+        # what is not cut is not rounded
+        own = change[0] if size == wanted else size - self.coefficient
         return np.append(own, turn)
 
     def towards(self, other: "Cause") -> np.ndarray:

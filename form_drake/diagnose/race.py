@@ -159,10 +159,8 @@ def _closer(match: Projected, score: Score) -> Score:
     They stay as far from faces, and their scores are comparable.
     """
     body, effect = match.bodies[0], score.effect
-    spacing, sides = (
-        (body.high - body.low) / PLACES,
-        np.array(list(product((-1.0, 0.0, 1.0), repeat=3))),
-    )
+    spacing = (body.high - body.low) / PLACES
+    sides = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
     luck = 2.0 * np.log(PLACES**3 / len(sides))
     for share in CLOSER:
         places = np.array([score.shape[k] for k in "xyz"]) + share * spacing * sides
