@@ -21,6 +21,10 @@ BLOCK = Block(size=(0.02, 0.02, 0.02), points=120, rate=150.0, stamps=150.0, law
 PROBE = BLOCK.press("bonded", 0.4)
 
 
+def _read(*arguments, **more):
+    raise ValueError("it is read")
+
+
 def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys):
     """As a probe of the station is recorded, whose arm feels the force as well."""
     (stamps, still), felt = (PROBE.forces["plate"].time, PROBE.forces["plate"].value), {}
@@ -144,14 +148,54 @@ def test_points_of_faces_alone_are_not_read(tmp_path, monkeypatch, capsys):
     verify.require_stated(seen, DX, held_back=True)  # compared, not read
 
 
+@pytest.mark.parametrize("faces", [2, 6])
+def test_points_that_lie_on_faces_are_known_as_such_unstated(tmp_path, monkeypatch, capsys, faces):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    X, low, high = (
+        PROBE.reference.copy(),
+        np.array([-0.01, -0.01, 0.0]),
+        np.array([0.01, 0.01, 0.02]),
+    )
+    face = np.arange(len(X)) % faces
+    for n in range(faces):
+        X[face == n, n % 3] = (low, high)[n // 3][n % 3]
+    seen = replace(PROBE, p_reference=X, p_WQ=np.tile(X, (PROBE.frames, 1, 1)), noise=2e-5)
+    for deep, told in ((0, "0 of 120"), (5, "5 of 120"), (6, "it is read")):
+        X[:deep] = 0.5 * (low + high) + 1e-4 * np.arange(deep)[:, None]
+        write_recording(replace(seen, p_reference=X), tmp_path / "seen.h5")
+        assert main(["diagnose", str(tmp_path / "seen.h5"), "--out", str(tmp_path / "o")]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_a_recording_that_is_too_short_is_told_of_by_its_name(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    for frames, told in ((7, "short.h5: 7 frames: 8 or more"), (8, "it is read")):
+        short = replace(PROBE, time=PROBE.time[:frames], p_WQ=PROBE.p_WQ[:frames], noise=2e-5)
+        write_recording(short, tmp_path / "short.h5")
+        assert main(["diagnose", str(tmp_path / "short.h5"), "--out", str(tmp_path / "o")]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_a_part_of_what_is_read_verifies_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    noise = 2e-5 * np.random.default_rng(0).standard_normal((2, *PROBE.p_WQ.shape))
+    whole = replace(PROBE, p_WQ=PROBE.p_WQ + noise[0], noise=2e-5)
+    paths, frames = [str(tmp_path / name) for name in ("press.h5", "part.h5")], PROBE.frames // 2
+    write_recording(whole, tmp_path / "press.h5")
+    for p_WQ, told in (
+        (whole.p_WQ[frames:], "part.h5: the same motion as"),
+        (PROBE.p_WQ[frames:] + noise[1, frames:], "it is read"),
+    ):
+        part = replace(whole, time=whole.time[frames:], p_WQ=p_WQ)
+        write_recording(part, tmp_path / "part.h5")
+        words = ["diagnose", paths[0], "--holdout", paths[1], "--out", str(tmp_path / "o")]
+        assert main(words) == 2
+        assert told in capsys.readouterr().err
+
+
 def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, capsys):
     """Else what the grid has wrong would be taken for something missing."""
-    reached = ValueError("it is read")
-
-    def diagnosed(*arguments, **more):
-        raise reached
-
-    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
     pressed, path = PROBE.p_WQ.copy(), tmp_path / "exact.h5"
     pressed[..., 2] *= PROBE.poses["plate"].value[:, 2, 3, None] / 0.02
     made = replace(PROBE, p_WQ=pressed)

@@ -457,7 +457,8 @@ def test_what_recordings_leave_open_is_said_everywhere(diagnosis, tmp_path):
     start, found = (Model(law, {"mu": mu, "lam": 40e3}) for mu in (20e3, 31e3))
     assert doubts([seen], None, found) == doubts([seen], start, start) == ()
     jitter, other = doubts([seen, replace(seen, noise=None)], start, found)
-    assert "recording 2" in jitter and "2e+04 Pa, these recordings show 3.1e+04 Pa" in other
+    assert "recording 2" in jitter and "of 20 frames" in jitter
+    assert "2e+04 Pa, these recordings show 3.1e+04 Pa" in other
     unsure = replace(diagnosis, doubts=(jitter,))
     assert jitter in str(unsure) and unsure.to_json()["doubts"] == [jitter]
     diagnosis_page(unsure, Nulls({})).write(tmp_path / "r.html")

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from form_drake.diagnose.verify import require_stated
+from form_drake.identify.stated import same_motion
 from form_drake.motion import body
 from form_drake.records import Recording
 
@@ -40,9 +41,7 @@ def require_one_specimen(recordings: Named) -> None:
                 f"{name}: another specimen than {first}; boxes and densities must agree"
             )
         for earlier, seen in recordings[:n]:
-            if seen.p_WQ.shape == other.p_WQ.shape and np.array_equal(
-                seen.p_WQ, other.p_WQ, equal_nan=True
-            ):
+            if same_motion(seen, other):
                 raise ValueError(f"{name}: the same motion as {earlier}")
 
 

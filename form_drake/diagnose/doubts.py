@@ -24,7 +24,7 @@ def doubts(recordings: Sequence[Recording], start: Model | None, found: Model) -
     """What may be wrong with recordings or with the material that was begun with."""
     told = [
         f"How noisy the tracks of recording {n} are was told by their own jitter: errors that last"
-        " longer than a frame would be taken for motion; intervals of rest, of {RESTED} frames or more, show them."
+        f" longer than a frame would be taken for motion; intervals of rest, of {RESTED} frames or more, show them."
         for n, one in enumerate(recordings, start=1)
         if one.noise is None and not any(map(_long, intervals(one.time, one.rest)))
     ]

@@ -14,6 +14,7 @@ from form_drake.identify.weak import weighing
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.motion import body, fit_tracks
+from form_drake.motion.tracks import placed
 from form_drake.records import Recording
 from form_drake.weak.choice import seen_through
 from form_drake.weak.contact import HeldFields, OpenFields, seeing, tests
@@ -32,6 +33,8 @@ APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
 TURNED = 0.5  # of what forces leave, less than which they leave where their sign is turned
 CLEAR = 1.0  # of the grid spacing, kept from held faces
+DEEP = 0.1  # of the least edge, from every face, where a point lies inside
+THROUGHOUT = 0.05  # of the points, that lie inside at least
 AGREED = 1e-6  # of a known value, by which a material's may be written otherwise
 
 
@@ -55,12 +58,18 @@ def require_throughout(recording: Recording) -> None:
     """Refuse points of the surface alone, which leave the motion inside, and so the balance, open.
 
     Raises:
-        ValueError: all points are stated to lie on faces.
+        ValueError: all points are stated to lie on faces, or hardly any lies inside.
     """
-    if recording.on_surface:
+    shape, X = body(recording), recording.reference[placed(recording)]
+    depth = DEEP * float(np.min(shape.high - shape.low))
+    deep = np.all((X > shape.low + depth) & (X < shape.high - depth), axis=1)
+    if recording.on_surface or deep.sum() < THROUGHOUT * len(X):
+        where = f"{deep.sum()} of {len(X)} points lie deeper than {1e3 * depth:.3g} mm inside"
+        if recording.on_surface:
+            where = "all points are stated to lie on faces (points/face)"
         raise ValueError(
-            "all points are stated to lie on faces (points/face): the balance of a diagnosis needs points"
-            " throughout the body; what faces show is compared in Python, see Sight in docs/effects.md"
+            f"{where}: the balance of a diagnosis needs points throughout the body; what faces show is"
+            " compared in Python, see Sight in docs/effects.md"
         )
 
 

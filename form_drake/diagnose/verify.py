@@ -11,7 +11,7 @@ from form_drake.diagnose.noise import most
 from form_drake.diagnose.prepare import problem_of, require_throughout
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
-from form_drake.motion.tracks import jitter, placed, valid_points
+from form_drake.motion.tracks import jitter, placed, require_frames, valid_points
 from form_drake.records import Recording
 from form_drake.weak.force import measured
 
@@ -220,9 +220,10 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
 
     Raises:
         ValueError: a face, poses, stress-free positions, a common clock or the noise are not stated, or
-            points to be read lie on faces alone.
+            points to be read lie on faces alone, or for too few frames.
     """
     if not held_back:
+        require_frames(recording)
         require_throughout(recording)
     scenes = Scenes.of((recording,), dx)
     _ = scenes.spacings  # refuses faces and poses that no stage can hold

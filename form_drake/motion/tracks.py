@@ -10,6 +10,7 @@ NEAR = np.array([-2, -1, 1, 2])  # neighbours of a stamp
 FLAT = 0.02  # of the widest extent of the points, in units of the box, below which they are a plane
 OUTSIDE = 0.02  # of the box, by which points may lie beyond it
 ASIDE = 0.1  # of its longest side, by which the points of a face may lie off that face together
+POINTS, FRAMES = 8, 8  # fewer than which tell no motion
 SIGHTED = 0.5  # of the points, fewer than which make a frame blind
 
 
@@ -59,6 +60,16 @@ def bridged(u: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return u
 
 
+def require_frames(recording: Recording) -> None:
+    """Refuse a recording that is too short to show how points move.
+
+    Raises:
+        ValueError: see there.
+    """
+    if recording.frames < FRAMES:
+        raise ValueError(f"{recording.frames} frames: {FRAMES} or more are needed")
+
+
 def tracks(
     recording: Recording, body: Body, *, throughout: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -81,13 +92,12 @@ def tracks(
     if known.any():
         _check_units(reference[known], body, inside[known].all(axis=1))
     X = reference[used]
-    if len(X) < 8:
+    if len(X) < POINTS:
         first = "" if stated else ", and in the first, which gives their stress-free positions"
         raise ValueError(
-            f"{len(X)} points are seen in half of the frames{first}: 8 or more are needed"
+            f"{len(X)} points are seen in half of the frames{first}: {POINTS} or more are needed"
         )
-    if recording.frames < 8:
-        raise ValueError(f"{recording.frames} frames: 8 or more are needed")
+    require_frames(recording)
     flat = np.linalg.svd((X - X.mean(axis=0)) / (body.high - body.low), compute_uv=False)
     if throughout and flat[-1] < FLAT * flat[0]:
         raise ValueError(
