@@ -45,9 +45,9 @@ TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
 }
 TABLES |= {"speed-cuda": TABLES["speed"], "probes-dx": TABLES["probes"]}
 SEALED = {
-    "blind": "blind.json",
-    "blind-second": "second/blind.json",
-    "blind-third": "third/blind.json",
+    "first": "blind.json",
+    "second": "second/blind.json",
+    "third": "third/blind.json",
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
@@ -242,10 +242,28 @@ def effects_table() -> str:
     return markdown_table(("effect", "what it is", "coefficient", "shape", "of", "shown by"), rows)
 
 
-def sealed_table(verdicts: Path) -> str:
-    """What the verdicts on a sealed set are worth, whose key lies beside them."""
-    files = (verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
-    return f"\n```text\n{blind_table.table(blind_score.score(*files))}\n```\n\n"
+def sealed() -> dict[str, str]:
+    """What verdicts on sealed sets are worth, by set, and all sets beside each other."""
+    results = {}
+    for name, place in SEALED.items():
+        verdicts = DOCS / "blind" / place
+        files = (verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
+        results[name] = blind_score.score(*files)
+    told = {name: f"\n```text\n{blind_table.table(one)}\n```\n\n" for name, one in results.items()}
+    return told | {"compared": compared(results)}
+
+
+def compared(results: dict[str, dict[str, Any]]) -> str:
+    """What sealed sets are judged by, a column for each; what misses its goal stands out."""
+    sets = [{line.name: line for line in blind_table.lines(one)} for one in results.values()]
+    goals = {k: line.goal for own in sets for k, line in own.items() if line.goal}
+    rows = []
+    for name, goal in goals.items():
+        cells = [" ".join(own[name].told.split()) if name in own else "" for own in sets]
+        off = [name in own and own[name].met is False for own in sets]
+        told = [f"**{cell}**" if missed else cell for cell, missed in zip(cells, off, strict=True)]
+        rows.append((name, goal, *told))
+    return markdown_table(("", "goal", *results), rows)
 
 
 # --- the layout of a recording, read off a file in which nothing is missing ---------------------
@@ -457,15 +475,16 @@ def api_page() -> str:
 def pages() -> dict[Path, str]:
     """Every page that the code determines, as it must be."""
     theory, recording = DOCS / "theory.md", DOCS / "recording.md"
-    effects = DOCS / "effects.md"
-    told = marked(effects.read_text(), "effects", effects_table())
-    for name, verdicts in SEALED.items():
-        told = marked(told, name, sealed_table(DOCS / "blind" / verdicts))
+    effects, sets = DOCS / "effects.md", DOCS / "sealed.md"
+    judged = sets.read_text()
+    for name, content in sealed().items():
+        judged = marked(judged, name, content)
     layout = marked(recording.read_text(), "layout", layout_table())
     layout = marked(layout, "solver", settings_table(Solver))
     return {
         theory: marked(theory.read_text(), "laws", laws_table()),
-        effects: told,
+        effects: marked(effects.read_text(), "effects", effects_table()),
+        sets: judged,
         recording: marked(layout, "walls", settings_table(Wall)),
         DOCS / "api.md": api_page(),
     }

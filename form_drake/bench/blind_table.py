@@ -1,6 +1,7 @@
 """What sealed verdicts are worth, as printed, beside what is wanted of them."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,17 +23,46 @@ RATES = {  # shares of the cases: at least, or at most
 }
 
 
-def table(result: Result) -> str:
-    """As printed."""
-    lines = [f"code {result['code']}, seal {result['seal'][:12]}", ""]
-    lines += [_rate(name, rate["hits"], rate["of"]) for name, rate in result["rates"].items()]
-    lines += [*_sizes(result["sizes"]), *_held_out(result)]
-    lines += _time(result["seconds"], result["reading"])
+@dataclass(frozen=True)
+class Line:
+    """One thing that verdicts are judged by.
+
+    Attributes:
+        name: what it is.
+        told: what was reached.
+        between: the 95 % interval of a rate; "": it is none.
+        goal: what is wanted; "": nothing.
+        met: whether that was reached; None: nothing is wanted, or nothing tells.
+    """
+
+    name: str
+    told: str
+    between: str = ""
+    goal: str = ""
+    met: bool | None = None
+
+    def __str__(self) -> str:
+        judged = "" if self.met is None else "met " if self.met else "MISSED "
+        goal = f"(goal {self.goal})" if self.goal else ""
+        return f"{self.name:44} {self.told + self.between:25}{judged}{goal}".rstrip()
+
+
+def lines(result: Result) -> list[Line]:
+    """What a set is judged by, first to last."""
+    found = [_rate(name, rate["hits"], rate["of"]) for name, rate in result["rates"].items()]
+    found += [*_sizes(result["sizes"]), *_held_out(result)]
+    found += _time(result["seconds"], result["reading"])
     for way, own in result["ablation"].items():
-        lines += [
+        found += [
             _rate(f"columns alone, {way}: {told}", *own[k])
             for k, told in (("right", "right"), ("false", f"nulls over {LEAST:g}"))
         ]
+    return found
+
+
+def table(result: Result) -> str:
+    """As printed."""
+    told = [f"code {result['code']}, seal {result['seal'][:12]}", "", *map(str, lines(result))]
     plain = result.get("before", {"nulls": {}, "limits": {}})
     for title, numbers in (
         ("median errors of sizes, by effect", _by_effect(result["sizes"]["errors"])),
@@ -43,38 +73,36 @@ def table(result: Result) -> str:
         ("seconds of a core for a verdict", result["seconds"]),
         ("the same with what the grid has wrong", plain["limits"]),
     ):
-        lines += ["", title] if numbers else []
-        lines += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
-    lines += ["", "limits, observed over predicted, and cases that they are read off"]
+        told += ["", title] if numbers else []
+        told += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
+    told += ["", "limits, observed over predicted, and cases that they are read off"]
     for name, ratio in (seen := result["limits"])["ratios"].items():
-        lines.append(
+        told.append(
             f"  {name:24} {'-' if ratio is None else f'{ratio:.3g}':9} {seen['cases'][name]}"
         )
-    lines += ["", "strong singles not named: hidden, verdict, named"]
-    lines += [
-        f"  {effect:24} {verdict:10} {told}" for effect, verdict, told in result["confusions"]
-    ]
-    return "\n".join(lines)
+    told += ["", "strong singles not named: hidden, verdict, named"]
+    told += [f"  {effect:24} {verdict:10} {told}" for effect, verdict, told in result["confusions"]]
+    return "\n".join(told)
 
 
-def _rate(name: str, hits: int, count: int, goal: tuple[str, float] | None = None) -> str:
+def _rate(name: str, hits: int, count: int, goal: tuple[str, float] | None = None) -> Line:
     low, high = (100.0 * x for x in wilson(hits, count))
-    told = f"{name:44} {hits:3d} of {count:3d}   {low:3.0f}-{high:3.0f} %"
+    line = Line(name, f"{hits:3d} of {count:3d}", f"   {low:3.0f}-{high:3.0f} %")
     goal = goal or RATES.get(name)
-    return told if goal is None or not count else f"{told}   {_judged(hits / count, *goal, '%')}"
+    return line if goal is None or not count else _judged(line, hits / count, *goal, "%")
 
 
-def _judged(value: float, way: str, goal: float, unit: str = "") -> str:
+def _judged(line: Line, value: float, way: str, goal: float, unit: str = "") -> Line:
+    wanted = f"{100.0 * goal:g} %" if unit == "%" else f"{goal:g} {unit}".strip()
     met = value >= goal if way == ">=" else value <= goal
-    told = f"{100.0 * goal:g} %" if unit == "%" else f"{goal:g} {unit}".strip()
-    return f"{'met' if met else 'MISSED'} (goal {way} {told})"
+    return replace(line, goal=f"{way} {wanted}", met=met)
 
 
-def _value(name: str, value: float, told: str, way: str, goal: float, unit: str = "") -> str:
-    return f"{name:44} {told:25} {_judged(value, way, goal, unit)}"
+def _value(name: str, value: float, told: str, way: str, goal: float, unit: str = "") -> Line:
+    return _judged(Line(name, told), value, way, goal, unit)
 
 
-def _sizes(sizes: Result) -> Iterator[str]:
+def _sizes(sizes: Result) -> Iterator[Line]:
     for group, told, goal in (
         ("fine", "sizes", 0.05),
         ("rough", "friction, slip, masses, inclusions", 0.20),
@@ -82,12 +110,14 @@ def _sizes(sizes: Result) -> Iterator[str]:
         if (error := sizes[group]) is not None:
             yield _value(f"median error, {told}", error, f"{100.0 * error:.1f} %", "<=", goal, "%")
     if sizes["untold"]:
-        yield f"{'sizes that recordings do not tell':44} {', '.join(sizes['untold'])}"
+        yield Line("sizes that recordings do not tell", ", ".join(sizes["untold"]))
     hits, count = sizes["within"], sizes["of"]
-    goal = (">=", 0.85) if not count or hits <= 0.95 * count else ("<=", 0.95)
-    yield _rate("truth within the 90 % interval", hits, count, goal)
+    covered = _rate("truth within the 90 % interval", hits, count)
+    if count:
+        covered = replace(covered, goal="85 to 95 %", met=0.85 <= hits / count <= 0.95)
+    yield covered
     if sizes["pull"] is not None:
-        yield f"{'errors by standard deviation, rms':44} {sizes['pull']:.2f}"
+        yield Line("errors by standard deviation, rms", f"{sizes['pull']:.2f}")
     for key, told, goal in ("centres", "", 3.0), ("stiff", "stiff ", 6.0):
         if sizes[key]:
             middle = 1e3 * float(np.median(sizes[key]))
@@ -95,7 +125,7 @@ def _sizes(sizes: Result) -> Iterator[str]:
             yield _value(name, middle, f"{middle:.1f} mm", "<=", goal, "mm")
 
 
-def _held_out(result: Result) -> Iterator[str]:
+def _held_out(result: Result) -> Iterator[Line]:
     seen, gap, wrong = result["limits"], result["gap"], result["placebos"]
     yield _rate("limits predicted within 1.5", seen["close"], seen["of"], (">=", 0.80))
     if gap["channels"]:
@@ -108,13 +138,13 @@ def _held_out(result: Result) -> Iterator[str]:
         yield _value("the runner-up closes less by", less, told, ">=", 0.30, "%")
 
 
-def _time(seconds: Result, reading: Sequence[float]) -> Iterator[str]:
+def _time(seconds: Result, reading: Sequence[float]) -> Iterator[Line]:
     name = "seconds of a core without simulations, most"
     if reading:
         most = max(reading)
         yield _value(name, most, f"{most:.0f}", "<=", READING)
     else:
-        yield f"{name:44} not told (goal <= {READING:g})"
+        yield Line(name, "not told", goal=f"<= {READING:g}")
     if seconds:
         hours = seconds["all"] / 7200.0
         yield _value("hours of two cores, without making cases", hours, f"{hours:.1f}", "<=", HOURS)

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from form_drake.laws import LAWS, Law, law_named
 from form_drake.laws.values import LAME, checked_values, finite
 from form_drake.records import Recording
@@ -69,10 +71,11 @@ def of_one_material(recordings: Sequence[Recording], law: str | None) -> None:
 
 
 def same_motion(one: Recording, other: Recording) -> bool:
-    """Whether most frames of the shorter recording are in the other, as where it was cut from that."""
-    short, long = sorted((one.p_WQ, other.p_WQ), key=len)
-    known = {frame.tobytes() for frame in long}
-    return sum(frame.tobytes() in known for frame in short) > 0.5 * len(short)
+    """Whether two recordings are the same, or most that the shorter shows was cut from the other."""
+    if np.array_equal(one.p_WQ, other.p_WQ, equal_nan=True):
+        return True
+    seen, shown = ({frame.tobytes() for frame in r.p_WQ} for r in (one, other))
+    return len(seen & shown) > max(1.0, 0.5 * min(len(seen), len(shown)))  # one frame is no motion
 
 
 def refuse_flags(flags: Mapping[str, bool], reason: str) -> None:
