@@ -143,7 +143,7 @@ def test_what_each_of_two_effects_is_worth_is_told_without_it():
     begun = fitted(noisy(made := rolled(swelling, late), 0))
     match = matched(begun.near(replace(begun.model, causes=(swelling, late))))
     check = Check.of(Scenes.of((noisy(made, 1),), DX), begun)
-    naming = SimpleNamespace(match=match, added=match.told.causes)
+    naming = SimpleNamespace(match=match, added=match.told.causes, verdict="named")
     after = check.predicted(match)
     assert check.shows(after)
     soft, slow = removals(naming, check, after)
@@ -155,8 +155,9 @@ def test_what_each_of_two_effects_is_worth_is_told_without_it():
     tracks, *_ = soft.channels
     assert tracks.before > 3.0 * tracks.after
     assert not any(c.worse for one in (soft, slow) for c in one.channels)
-    alone = SimpleNamespace(match=match, added=match.told.causes[:1])
-    assert list(removals(alone, check, after)) == []
+    alone = SimpleNamespace(match=match, added=match.told.causes[:1], verdict="named")
+    refused = SimpleNamespace(match=match, added=match.told.causes, verdict="unnamed")
+    assert [*removals(alone, check, after), *removals(refused, check, after)] == []
 
 
 HIDDEN = {

@@ -65,7 +65,8 @@ def removals(
 ) -> Iterator[Removed]:
     """Each of several effects taken out; what one alone is worth, the errors before and after tell.
 
-    Effects without which nothing can be simulated are passed over.
+    Effects without which nothing can be simulated are passed over; of those that naming has refused
+    nothing is asked.
 
     Args:
         naming: with what was added.
@@ -73,8 +74,11 @@ def removals(
         after: predicted with all of it.
         progress: hears what is tried.
     """
-    match, count = naming.match.on(SEARCH), len(naming.added)
-    for cause in match.model.causes[-count:] if count > 1 else ():
+    count = len(naming.added)
+    if count < 2 or naming.verdict == "unnamed":
+        return
+    match = naming.match.on(SEARCH)
+    for cause in match.model.causes[-count:]:
         progress(f"without {cause.effect.id}")
         try:
             less = matched(match.near(match.model.without(cause)), rough=True)
