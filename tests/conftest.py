@@ -5,11 +5,21 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
+
+from form_drake import LAWS, Material, Recording, Solver, Wall
+from form_drake.records import States, write_recording
+from helpers.commands import TRUTH
+
+STEPS = Path(__file__).parent / "data" / "steps" / "fixed-corotated.npz"
+SETTINGS = ("x", "v", "C", "F", "L", "tau", "step")
 
 WATCH = (
     "<script>window.errors = []; window.onerror = m => errors.push(m);"
@@ -25,7 +35,8 @@ LONGEST = (  # begun first, so that no worker is left with one of them at the en
     "test_diagnose",
     "test_small_cases",
     "test_weak",
-    "test_commands",
+    "test_scores",
+    "test_demo",
     "05_from_pictures",
     "test_interior",
     "04_find_the_missing_effect",
@@ -48,6 +59,58 @@ def pytest_collection_modifyitems(items):
     """The files that take longest come first."""
     place = {name: n for n, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(LONGEST)))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with a recording of full states, one of positions, and a material."""
+    folder = tmp_path_factory.mktemp("files")
+    with np.load(STEPS) as file:
+        data = dict(file)
+    nodes, dx, cells = int(data["nodes"]), float(data["dx"]), int(data["wall_cells"])
+    ends = ((-1, (cells - 1) * dx), (1, (nodes - cells + 1) * dx))
+    walls = tuple(Wall(axis, side, at) for axis in range(3) for side, at in ends)
+    dt, gravity = float(data["dt"]), tuple(data["gravity"])
+    solver = Solver(
+        dx=dx,
+        nodes=(nodes,) * 3,
+        dt=dt,
+        gradient=str(data["gradient"]),
+        precision="float64",
+        walls=walls,
+        mass_eps=float(data["mass_eps"]),
+        gravity=gravity,
+    )
+    steps = Recording.from_arrays(
+        data["step"] * dt,
+        data["x"],
+        step=data["step"],
+        v_0=data["v0"],
+        volume=data["volume"],
+        density=float(data["density"]),
+        solver=solver,
+        law="fixed-corotated",
+        states=States(**{k: data[k] for k in SETTINGS}),
+    )
+    write_recording(steps, folder / "steps.h5")
+    write_recording(replace(steps, law=None), folder / "lawless.h5")
+    write_recording(replace(steps, states=None), folder / "positions.h5")
+    write_recording(replace(steps, v_0=None), folder / "unknown-motion.h5")
+    Material(LAWS["fixed-corotated"], TRUTH, 1000.0).write(folder / "true.yaml")
+    text = (folder / "steps.h5").read_bytes()
+    (folder / "truncated.h5").write_bytes(text[: len(text) // 2])
+    for suffix in ("h5", "npz", "yaml"):
+        (folder / f"empty.{suffix}").write_bytes(b"")
+        (folder / f"garbage.{suffix}").write_bytes(b"\x00\xff garbage" * 99)
+        (folder / f"folder.{suffix}").mkdir()
+    return folder
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture

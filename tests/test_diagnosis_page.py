@@ -20,21 +20,19 @@ from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.doubts import doubts, needless
 from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
-from form_drake.diagnose.motions import Block
 from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.placebo import Removed
 from form_drake.diagnose.prepare import probe as read_probe
-from form_drake.diagnose.recorded import motions
 from form_drake.diagnose.rollout import _astray
-from form_drake.diagnose.score import Score
 from form_drake.diagnose.thresholds import FACTOR
-from form_drake.diagnose.verdict import Found, Naming
+from form_drake.diagnose.verdict import Naming
 from form_drake.diagnosis_folder import _advise
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
 from form_drake.systems.before_after import APART, Beside, write_before_after
 from form_drake.weak.solve import Weights
+from helpers.advice import LIMITS, found
 
 FRAMES, RATE = 91, 60.0
 LOW, SIZE = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
@@ -62,8 +60,6 @@ def block(points=60):
     )
 
 
-BLOCK = Block()
-RECORDED = (BLOCK.press("bonded"), BLOCK.shake())
 PROBE = read_probe(block(), "probe 1", 0.0025)
 FIELDS = sum(len(f.names) for f in PROBE.fields)
 
@@ -170,156 +166,6 @@ def test_whitened_rows_keep_their_places():
     size, axes = np.linalg.eigh(C / np.outer(scale, scale))
     root = scale[:, None] * ((axes * np.sqrt(size)) @ axes.T)  # nearest to the rows themselves
     assert np.stack([_apart(C, column) for column in root.T]) == pytest.approx(np.eye(12))
-
-
-def found(best, ranked, alike=(), rivals=(), recordings=RECORDED):
-    """A pass with scores of effects by their limits."""
-    scores = {
-        name: Score(CATALOGUE[name], {}, 1.0, 0.2 * limit, 90.0, limit, np.zeros(1))
-        for name, limit in ranked.items()
-    }
-    match = SimpleNamespace(scenes=SimpleNamespace(recordings=recordings))
-    return Found(match, tuple(scores.values()), best=scores.get(best), alike=alike, rivals=rivals)
-
-
-LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}
-
-
-def naming(first, verdict="named"):
-    cause = Cause(CATALOGUE["force-gain"], 0.05, {}, 0.001)
-    last = found(None, {k: v for k, v in LIMITS.items() if k != "force-gain"})
-    return Naming((first, last), None, (cause,), verdict)
-
-
-def test_limits_stand_beside_what_is_likely():
-    advice = Advice.of(naming(found("force-gain", LIMITS)), "named")
-    sizes = {one.effect.id: one.size for one in advice.limits}
-    assert sizes == LIMITS | {
-        "force-gain": pytest.approx(0.005)
-    }  # five deviations of what was found
-    missed = {one.effect.id: one.missed for one in advice.limits}
-    assert list(missed.values()) == sorted(missed.values())
-    assert missed["eigenstrain"] == 0.0 and missed["drag"] == 1.0
-    assert missed["damping"] == pytest.approx(1 / 3)  # from 1 to 1000 Pa s
-    assert [one.effect.id for one in advice.blind] == ["drag"]
-    assert advice.sentences() == (
-        "drag of any likely size would not be seen; shown by: shake, stronger or longer.",
-    )
-
-
-def test_what_is_not_told_apart_is_shown_by_what_is_not_there_yet():
-    first = found("force-gain", LIMITS, alike=("density",), rivals=("eigenstrain",))
-    advice = Advice.of(naming(first), "ambiguous")
-    density, swelling = advice.apart
-    assert density.sentence() == (  # a shake is there already
-        "To tell force-gain from density: a known weight (shows force-gain); a balance (shows"
-        " density)."
-    )
-    assert swelling.other.id == "eigenstrain"
-    told = advice.to_json()
-    assert told["apart"][0]["other"] == "density" and told["next"][0] == density.sentence()
-    press = (BLOCK.press("bonded"),)
-    first = found("force-gain", LIMITS, alike=("density",), recordings=press)
-    (pair,) = Advice.of(naming(first), "named").apart
-    assert ("shake", ("density",)) in pair.shown
-    assert pair.shown[-1][0] != "press"
-
-
-def test_what_shows_both_comes_last():
-    ranked = {"eigenstrain": 1e-4, "camera-scale": 1e-4}
-    advice = Advice.of(naming(found("eigenstrain", ranked, alike=("camera-scale",))), "named")
-    assert advice.apart[0].shown == (
-        ("a ruler", ("camera-scale",)),
-        ("a look at the bonded edge", ("eigenstrain", "camera-scale")),
-    )
-
-
-def test_what_no_effect_explains_asks_for_one():
-    advice = Advice.of(naming(found("force-gain", LIMITS)), "unnamed")
-    assert "--effects" in advice.sentences()[0]
-
-
-def pressing(*knots, noise=0.02, contact="bonded"):
-    """A plate goes to depths (time [s], share of the height), and feels them where they are positive."""
-    one = BLOCK.press(contact, seconds=max(time for time, _ in knots))
-    stamps = one.poses["plate"].time
-    depth = np.interp(stamps, *np.array(knots).T)
-    X_WT, value = np.tile(np.eye(4), (len(stamps), 1, 1)), np.zeros((len(stamps), 3))
-    X_WT[:, 2, 3], value[:, 2] = BLOCK.size[2] * (1.0 - depth), 50.0 * np.maximum(depth, 0.0)
-    return replace(
-        one,
-        poses={"plate": Stream(stamps, X_WT)},
-        forces={"plate": Stream(stamps, value, noise=noise)},
-    )
-
-
-SLOW, HOLD = ((0.0, 0.01), (1.0, 0.08)), ((0.0, 0.01), (1.0, 0.08), (1.5, 0.08))
-PRESSES = [
-    (SLOW, ()),
-    (HOLD, ()),
-    ((*HOLD, (2.5, 0.01)), ("press, hold and release",)),
-    ((*HOLD, (2.5, 0.01), (3.0, 0.01)), ("press, hold and release", "press, release and wait")),
-    (((0.0, 0.01), (0.2, 0.08)), ("fast press",)),
-    (((0.0, 0.01), (0.2, 0.08), (0.4, 0.01)), ("fast press", "a fast reversal")),
-    (((0.0, 0.01), (0.2, 0.08), (1.0, 0.01), (2.6, 0.08)), ("fast press",)),
-    (
-        ((0.0, 0.01), (0.1, 0.08), (1.0, 0.01), (2.6, 0.08)),
-        ("fast press", "presses at speeds ten times apart"),
-    ),
-    (((*SLOW, (1.5, 0.05), (2.8, 0.14))), ("presses of two depths",)),
-    (
-        (*SLOW, (2.0, 0.01), (3.5, 0.14)),
-        ("presses of two depths", "presses of two depths, each with release"),
-    ),
-    (((0.0, -0.02), (0.2, -0.01), (2.0, 0.08)), ("a moment without contact",)),
-    (
-        ((0.0, 0.01), (1.0, 0.08), (2.0, -0.005), (2.2, -0.02)),
-        ("a moment without contact", "press and lift off"),
-    ),
-    (
-        ((0.0, -0.02), (0.2, -0.01), (1.0, 0.08), (2.0, -0.005), (2.2, -0.02)),
-        (
-            "a moment without contact",
-            "moments without contact before and after",
-            "press and lift off",
-        ),
-    ),
-]
-
-
-@pytest.mark.parametrize(("knots", "told"), PRESSES)
-def test_a_press_is_told_by_its_way_and_force(knots, told):
-    assert motions(pressing(*knots)) == {"press", *told}
-
-
-def test_what_no_tool_does_is_not_recorded():
-    free = pressing(*SLOW, contact="frictionless")
-    assert motions(free) == {"press", "press between plates that do not hold the body"}
-    shake = BLOCK.shake()
-    assert motions(shake) == {"shake", "shakes along two directions"}
-    (still,) = shake.poses.values()
-    for along, wanted in (
-        (np.zeros(3), set()),
-        (np.array([1e-3, 1e-3, 0.0]), set()),  # as a pose jitters
-        (np.array([1.0, 0.05, 0.0]), {"shake"}),
-    ):
-        X_WT = np.tile(np.eye(4), (len(still.time), 1, 1))
-        X_WT[:, :3, 3] = 1e-3 * np.sin(9.0 * still.time)[:, None] * along + [0.1, 0.0123, 0.03]
-        assert motions(replace(shake, poses={"floor": Stream(still.time, X_WT)})) == wanted
-    assert motions(replace(shake, poses={})) == set()
-
-
-def test_what_is_recorded_is_not_advised_again():
-    ranked = {"rate-dependence": 1e9, "relaxation": 1e9}
-    knots = ((0.0, 0.01), (0.1, 0.08), (1.0, 0.01), (2.6, 0.08))
-    for recordings, wanted in (
-        ((pressing(*SLOW),), ("presses at speeds ten times apart", "press, hold and release")),
-        ((pressing(*SLOW), pressing(*knots)), ("press, hold and release",)),
-    ):
-        first = found(None, ranked, recordings=recordings)
-        advice = Advice.of(Naming((first,), None, (), "none"), "none")
-        assert set(advice.motions) == set(wanted)
-    assert any("ten times apart, stronger or longer" in told for told in advice.sentences())
 
 
 BALL = {"x": 5e-3, "y": -5e-3, "z": 15e-3, "radius": 4e-3}
