@@ -39,6 +39,9 @@ BENCHES = (
     "probes",
     "perception",
     "deformable",
+    "effects",
+    "nulls",
+    "station",
 )
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     name: import_module(f"form_drake.bench.{name.replace('-', '_')}").table for name in BENCHES

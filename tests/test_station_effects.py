@@ -1,6 +1,7 @@
 """Effects in the station: what acts in the specimen or its sensors, and is nowhere in the recording."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
 from form_drake.__main__ import main
+from form_drake.bench import station
 from form_drake.effects import CATALOGUE, Effect
 from form_drake.laws import LAWS
 from form_drake.material import Acting, Material, read_material
-from form_drake.records import read
+from form_drake.records import Recording, Stream, read
 from form_drake.systems.probe import prepare, record, truth
 from form_drake.systems.replay import replay
 from form_drake.systems.scenario import Waypoint, holding, load_scenario, scenario_text
@@ -23,6 +25,7 @@ from form_drake.systems.station import make_station
 
 COARSE = ("solver.dx=0.006", "solver.mass_scale=20", "measure.points=40", "measure.noise=0")
 QUIET = (*COARSE, "measure.sensor.noise=[0.0]", "solver.settle=0.05")
+FORCES = ("press_plate", "press_plate:joint-torque")
 BALL = "{x: 0.5, y: 0.0, z: 0.0625, radius: 0.01}"
 
 
@@ -246,3 +249,42 @@ def test_a_body_that_gives_way_is_not_simulated():
         acting(
             changes=(f"specimen.material={yaml.safe_dump({**values, 'density': 1e3})}",)
         ).specimen.made()
+
+
+def test_what_the_station_hides_is_sought_in_what_it_records(tmp_path, monkeypatch):
+    """Another draw of noise for every probe, and motions that are held back."""
+    seen = []
+
+    def diagnosed(read, law, *, effects, thresholds, holdout):
+        every = (*read, *holdout)
+        seen.append([(len(r.time), float(np.std(r.p_WQ))) for r in every])
+        assert all(set(r.forces) == {"press_plate"} and r.law == law.name for r in every)
+        cause = {"name": "drag", "coefficient": 12.3, "std": 0.2, "unit": "1/s"}
+        gap = [{"closure": 0.97}, {"closure": None}]
+        told = {"verdict": "named", "sentence": "", "doubts": [], "unverified": None, "gap": gap}
+        return SimpleNamespace(to_json=lambda: {**told, "effects": [cause]})
+
+    def recorded(run):
+        asked.append((run.scenario, truth(run.scenario).get("effects", [])))
+        moved = plate + 1e-6 * len(asked)
+        return Recording.from_arrays(
+            np.linspace(0.0, 0.1, 5),
+            moved,
+            law=run.scenario.specimen.law,
+            forces={name: Stream(np.zeros(1), np.zeros((1, 3))) for name in FORCES},
+        )
+
+    plate, asked = np.arange(15.0).reshape(5, 1, 3), []
+    monkeypatch.setattr("form_drake.systems.probe.prepare", lambda s: SimpleNamespace(scenario=s))
+    monkeypatch.setattr("form_drake.systems.probe.record", recorded)
+    monkeypatch.setattr(station, "diagnosed", diagnosed)
+    result = station.run_station(store=tmp_path, only=("drag/0", "nothing/1"))
+    hidden, none = (result["cases"][k] for k in ("drag/0", "nothing/1"))
+    assert [len(one) for _, one in asked] == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert hidden["true"] == asked[-1][1][0]["coefficient"] and none["true"] == 0.0
+    assert len({s.measure.seed for s, _ in asked}) == len(asked) and len(seen) == 2
+    ways = [s.probe.waypoints for s, _ in asked[:4]]
+    assert ways[0] != ways[2] and ways[1] != ways[3]
+    told = station.table(result).splitlines()
+    assert told[1].split() == "nothing/1 - named 97 % drag 12.3 ± 0.2 1/s".split()
+    assert told[2].split()[:3] == ["drag/0", "12.0", "named"]

@@ -82,7 +82,7 @@ def run_effects(*, store: Path, only: tuple[str, ...] = ()) -> dict[str, Any]:
     }
     estimates = dict.fromkeys(cases, SECONDS)
     results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
-    return {"cases": results, "thresholds": thresholds()}
+    return {"bench": "effects", "cases": results, "thresholds": thresholds()}
 
 
 def table(result: Mapping[str, Any]) -> str:

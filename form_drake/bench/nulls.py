@@ -199,7 +199,8 @@ def run_nulls(*, draws: int, store: Path, only: tuple[str, ...] = ()) -> dict[st
     }
     estimates = {name: 240.0 + 100.0 * draws for name in cases}
     results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
-    return {"cases": results, "scores": _largest(results), "noise": NOISE, "draws": draws}
+    told = {"scores": _largest(results), "noise": NOISE, "draws": draws}
+    return {"bench": "nulls", "cases": results, **told}
 
 
 def _largest(results: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:

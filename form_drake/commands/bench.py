@@ -23,7 +23,7 @@ from form_drake.bench import (
 )
 from form_drake.bench.curves import recordings
 from form_drake.commands.bench_cases import Cases
-from form_drake.commands.bench_diagnosis import Blind, Effects, Nulls
+from form_drake.commands.bench_diagnosis import Blind, Effects, Nulls, Station
 from form_drake.commands.output import device, emit
 from form_drake.files import target
 from form_drake.records import Recording, write_recording
@@ -216,6 +216,7 @@ class Bench:
         Annotated[Table2, tyro.conf.subcommand("table2")]
         | Annotated[Nulls, tyro.conf.subcommand("nulls")]
         | Annotated[Effects, tyro.conf.subcommand("effects")]
+        | Annotated[Station, tyro.conf.subcommand("station")]
         | Annotated[Blind, tyro.conf.subcommand("blind")]
         | Annotated[Positions, tyro.conf.subcommand("positions")]
         | Annotated[Speed, tyro.conf.subcommand("speed")]

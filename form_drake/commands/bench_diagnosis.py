@@ -1,4 +1,4 @@
-"""``form-drake bench nulls | effects | blind``: what a diagnosis is worth."""
+"""``form-drake bench nulls | effects | station | blind``: what a diagnosis is worth."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from form_drake.bench import blind, blind_score, blind_table, effects, nulls
+from form_drake.bench import blind, blind_score, blind_table, effects, nulls, station
 from form_drake.bench.blind_cases import Probes
 from form_drake.commands.bench_cases import Cases
 from form_drake.commands.diagnose import Diagnose
@@ -73,6 +73,15 @@ class Effects(Cases):
     def run(self) -> None:
         """Run the bench."""
         self.finish("effects", effects.run_effects, effects.table)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Station(Cases):
+    """Effects hidden in the station, found in what its probes record."""
+
+    def run(self) -> None:
+        """Run the bench."""
+        self.finish("station", station.run_station, station.table)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,87 @@
+"""Effects hidden in the station, found in probes that went through arm, tool and sensors of its diagram.
+
+The station simulates them with tools that touch; a diagnosis reads what its recorder tells, and nothing
+of the truth. Motions that nothing else reads verify what it names.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from form_drake.bench.cases import fingerprint, run_cases
+from form_drake.diagnose import diagnosed, thresholds
+from form_drake.effects import CATALOGUE
+from form_drake.laws import law_named
+from form_drake.records import Recording
+
+HIDDEN = {  # size of the coefficient
+    "nothing": 0.0,
+    "damping": 15.0,
+    "drag": 12.0,
+    "force-delay": 2e-3,
+    "tool-friction": 0.03,
+}
+PROBES = ("press_elastic", "shake_elastic")
+SEEDS = (0, 1)
+SECONDS = 600.0  # for a case
+
+
+def _recorded(name: str, acting: str, seed: int, *, unseen: bool) -> Recording:
+    """A probe of the station in which an effect acts."""
+    from form_drake.systems.probe import prepare, record
+    from form_drake.systems.scenario import held_out, load_scenario
+
+    effects = f"{{id: {acting}, coefficient: {HIDDEN[acting]}}}" if acting in CATALOGUE else ""
+    scenario = load_scenario(name, (f"specimen.effects=[{effects}]", f"measure.seed={seed}"))
+    made = record(prepare(held_out(scenario) if unseen else scenario))
+    return made.measured_by("sensor")
+
+
+def _found(read: Sequence[Recording], holdout: Sequence[Recording]) -> dict[str, Any]:
+    """What a diagnosis tells of them."""
+    law = read[0].law
+    assert law is not None  # scenarios declare it
+    every = list(CATALOGUE.values())
+    told = diagnosed(
+        read, law_named(law), effects=every, thresholds=thresholds(), holdout=holdout
+    ).to_json()
+    return {k: told[k] for k in ("verdict", "sentence", "effects", "gap", "doubts", "unverified")}
+
+
+def _case(acting: str, seed: int) -> dict[str, Any]:
+    draws = iter(np.random.SeedSequence([list(HIDDEN).index(acting), seed]).generate_state(4))
+    read, holdout = (
+        [_recorded(name, acting, int(next(draws)), unseen=unseen) for name in PROBES]
+        for unseen in (False, True)
+    )
+    return {"true": HIDDEN[acting], **_found(read, holdout)}
+
+
+def run_station(*, store: Path, only: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The bench."""
+    cases = {
+        f"{acting}/{seed}": lambda acting=acting, seed=seed: _case(acting, seed)
+        for acting in HIDDEN
+        for seed in SEEDS
+    }
+    estimates = dict.fromkeys(cases, SECONDS)
+    results = run_cases(cases, store=store, mark=fingerprint(), estimates=estimates, only=only)
+    return {"bench": "station", "cases": results}
+
+
+def table(result: Mapping[str, Any]) -> str:
+    """As printed."""
+    lines = [f"{'hidden, draw of noise':22} {'size':>8}  {'verdict':10} {'closed':>6}  found"]
+    for name, case in result["cases"].items():
+        closed = [c["closure"] for c in case["gap"] if c["closure"] is not None]
+        gap = f"{100.0 * float(np.median(closed)):.0f} %" if closed else "-"
+        found = ", ".join(map(_size, case["effects"])) or "nothing"
+        lines.append(f"{name:22} {case['true'] or '-':>8}  {case['verdict']:10} {gap:>6}  {found}")
+    return "\n".join(lines)
+
+
+def _size(effect: Mapping[str, Any]) -> str:
+    about = "" if effect["std"] is None else f" ± {effect['std']:.1g}"
+    return f"{effect['name']} {effect['coefficient']:.3g}{about} {effect['unit']}"
