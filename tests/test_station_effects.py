@@ -278,11 +278,12 @@ def test_what_the_station_hides_is_sought_in_what_it_records(tmp_path, monkeypat
     monkeypatch.setattr("form_drake.systems.probe.prepare", lambda s: SimpleNamespace(scenario=s))
     monkeypatch.setattr("form_drake.systems.probe.record", recorded)
     monkeypatch.setattr(station, "diagnosed", diagnosed)
-    result = station.run_station(store=tmp_path, only=("drag/0", "nothing/1"))
+    result = station.run_station(store=tmp_path, only=("drag/0", "nothing/1", "friction/0"))
     hidden, none = (result["cases"][k] for k in ("drag/0", "nothing/1"))
-    assert [len(one) for _, one in asked] == [0, 0, 0, 0, 1, 1, 1, 1]
-    assert hidden["true"] == asked[-1][1][0]["coefficient"] and none["true"] == 0.0
-    assert len({s.measure.seed for s, _ in asked}) == len(asked) and len(seen) == 2
+    acting = [len(one) for _, one in asked]  # a plate that is glued on rubs nowhere
+    assert acting == [0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 1, 0]
+    assert hidden["true"] == asked[4][1][0]["coefficient"] and none["true"] == 0.0
+    assert len({s.measure.seed for s, _ in asked}) == len(asked) and len(seen) == 3
     ways = [s.probe.waypoints for s, _ in asked[:4]]
     assert ways[0] != ways[2] and ways[1] != ways[3]
     told = station.table(result).splitlines()
