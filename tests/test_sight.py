@@ -14,7 +14,8 @@ from form_drake.diagnose.score import ALIKE, coherence, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
-from form_drake.records import Recording, Stream
+from form_drake.records import Stream
+from helpers.diagnose import planned
 
 DX, NOISE, PUSH = 0.004, 2e-5, 2e-3
 LAW, TRUTH = LAWS["neo-hookean"], {"C10": 5e3, "kappa": 3e4}
@@ -29,21 +30,8 @@ def block():
     X = low + size * np.random.default_rng(0).uniform(size=(60, 3))
     X[:30, 0], X[30:, 1] = 0.01, 0.01
     t = np.linspace(0.0, 0.4, 61)
-    pose = np.tile(np.eye(4), (len(t), 1, 1))
-    pose[:, 2, 3] = 0.02 - 1.6e-3 * np.sin(np.pi * t / 0.4) ** 2 - 2e-4 * np.sin(50.0 * t)
-    return Recording.from_arrays(
-        t,
-        np.tile(X, (len(t), 1, 1)),
-        p_reference=X,
-        density=1000.0,
-        gravity=np.array([0.0, 0.0, -9.81]),
-        geometry={"shape": "box", "low": "-0.01 -0.01 0", "high": "0.01 0.01 0.02"},
-        contact={"z-": "bonded floor", "z+": "bonded plate", "other": "free"},
-        poses={"plate": Stream(t, pose)},
-        forces={"plate": Stream(t, np.zeros((len(t), 3)))},
-        law=LAW.name,
-        noise=NOISE,
-    )
+    down = 1.6e-3 * np.sin(np.pi * t / 0.4) ** 2 + 2e-4 * np.sin(50.0 * t)
+    return replace(planned(X, t, 0.02 - down), law=LAW.name, noise=NOISE)
 
 
 def seen(*causes):

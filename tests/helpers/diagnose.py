@@ -23,8 +23,14 @@ def probe(seconds, stroke, beat):
     low, size = np.array([-0.01, -0.01, 0.0]), np.full(3, 0.02)
     X = low + size * np.random.default_rng(0).uniform(0.04, 0.96, (120, 3))
     t = np.linspace(0.0, seconds, round(150 * seconds) + 1)
+    down = stroke * np.sin(np.pi * t / seconds) ** 2 + 2e-4 * np.sin(beat * t)
+    return planned(X, t, 0.02 - down)
+
+
+def planned(X, t, height):
+    """Points of a block of 20 mm at rest, and the way of the bonded plate that presses it [m]."""
     pose = np.tile(np.eye(4), (len(t), 1, 1))
-    pose[:, 2, 3] = 0.02 - stroke * np.sin(np.pi * t / seconds) ** 2 - 2e-4 * np.sin(beat * t)
+    pose[:, 2, 3] = height
     return Recording.from_arrays(
         t,
         np.tile(X, (len(t), 1, 1)),
