@@ -328,7 +328,11 @@ def full_recording() -> Recording:
         states=States(**_arrays(States)),
         law="neo-hookean",
         known={"kappa": 1.0},
-        poses={"NAME": replace(stream(4, 4), value=np.tile(np.eye(4), (SIZES["samples"], 1, 1)))},
+        poses={
+            "NAME": replace(
+                stream(4, 4), value=np.tile(np.eye(4), (SIZES["samples"], 1, 1)), noise=1.0
+            )
+        },
         forces={"NAME": replace(stream(3), noise=1.0)},
         joints=stream(SIZES["joints"]),
         cameras={"NAME": Camera(np.eye(3), np.eye(4), np.zeros(5), (640, 480))},
@@ -368,7 +372,8 @@ def layout_table() -> str:
             def visit(place: str, item: Any) -> None:
                 if not isinstance(item, h5py.Dataset):
                     if "noise" in item.attrs:
-                        row = f"attribute `noise` of `{place}`", "number", "as its values"
+                        unit = "m" if place.startswith("poses") else "as its values"
+                        row = f"attribute `noise` of `{place}`", "number", unit
                         rows.append((*row, attributes(Stream)["noise"]))
                     return
                 shape = ", ".join(words.get(n, str(n)) for n in item.shape)

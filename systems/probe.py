@@ -19,6 +19,7 @@ from form_drake.records import Recording, Stream
 from form_drake.systems.arm import Arm
 from form_drake.systems.behind import steps_between
 from form_drake.systems.follower import PathFollower
+from form_drake.systems.force import draws
 from form_drake.systems.identifier import Answer, Identifier
 from form_drake.systems.motion import timed_path
 from form_drake.systems.page import write_page
@@ -194,6 +195,7 @@ def _add_recorder(
         period=solver.period,
         rig=source.rig,
         sensed=lambda recording: sensed(recording, acting),
+        off=scenario.measure.place * draws(scenario.measure.seed, "place", 0).standard_normal(3),
     )
     builder.AddNamedSystem("recorder", recorder)
     builder.Connect(source.tracks.get_output_port(), recorder.GetInputPort("sight"))
@@ -274,6 +276,7 @@ def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recordi
         gravity=station.plant.gravity_field().gravity_vector(),
         law=specimen.law,
         known={k: v for k, v in specimen.material.items() if k in specimen.known},
+        poses={tool: Stream(none, np.eye(4)[None], measure.place or None)},
         forces={
             tool: Stream(none, np.zeros((1, 3)), max(measure.sensor.noise) or None),
             f"{tool}:joint-torque": Stream(none, np.zeros((1, 3))),

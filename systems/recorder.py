@@ -95,6 +95,7 @@ class Recorder(LeafSystem):
         period: of the other signals [s]; forces are means over it.
         rig: whose cameras follow the points; None: they are particles.
         sensed: what sensors tell of what they would record without an effect.
+        off: what is added to the tool's place [m], shape [3]; None: nothing.
     """
 
     def __init__(
@@ -107,8 +108,12 @@ class Recorder(LeafSystem):
         period: float,
         rig: Rig | None = None,
         sensed: Callable[[Recording], Recording] = lambda recording: recording,
+        off: np.ndarray | None = None,
     ):
         super().__init__()
+        self._off = np.zeros((4, 4))
+        if off is not None:
+            self._off[:3, 3] = off
         self._header, self._tool, self._period, self._rig = header, tool, period, rig
         self._sensed = sensed
         self.DeclareAbstractInputPort("sight", Value[object](None))
@@ -145,9 +150,10 @@ class Recorder(LeafSystem):
             name = self._tool if source == "sensor" else f"{self._tool}:{source}"
             values = np.array([s[3][n] for s in heard.signals])
             forces[name] = Stream(middle, values, self._header.forces[name].noise)
+        X_WT = np.array([s[1] for s in heard.signals]) + self._off
         probe = replace(
             self._header,
-            poses={self._tool: Stream(time, np.array([s[1] for s in heard.signals]))},
+            poses={self._tool: Stream(time, X_WT, self._header.poses[self._tool].noise)},
             forces=forces,
             joints=Stream(time, np.array([s[2] for s in heard.signals])),
         )

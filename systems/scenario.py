@@ -148,7 +148,8 @@ class Measurement:
         rate: of the tracked points [Hz], or a little faster: whole periods of the solver.
         points: how many particles are tracked; 0: all.
         noise: standard deviation of a coordinate [m].
-        seed: of the choice of points and of their noise.
+        place: the same of where the tool is said to be [m]: an error that stays, drawn once.
+        seed: of the choice of points, of their noise and of that.
         sensor: errors of the force sensor at the tool [N].
         torque: errors of the external joint torques [N m].
     """
@@ -156,6 +157,7 @@ class Measurement:
     rate: float = 100.0
     points: int = 400
     noise: float = 0.0
+    place: float = 0.0
     seed: int = 0
     sensor: SensorErrors = field(default_factory=SensorErrors)
     torque: SensorErrors = field(default_factory=SensorErrors)

@@ -54,6 +54,7 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
         "solver.room": min(solver.room),
         "measure.points": measure.points,
         "measure.noise": measure.noise,
+        "measure.place": measure.place,
         "measure.seed": measure.seed,
         "measure.sensor.seed": measure.sensor.seed,
         "measure.torque.seed": measure.torque.seed,

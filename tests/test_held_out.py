@@ -272,7 +272,7 @@ def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part, whose):
     monkeypatch.setattr("form_drake.diagnose.verify._rolled", lambda *a: ((), ()))
     monkeypatch.setattr("form_drake.diagnose.verify.problem_of", lambda *a: None)
     monkeypatch.setattr(f"form_drake.diagnose.verify.{part}", fails)
-    fitted = SimpleNamespace(problem=SimpleNamespace(unknowns=None))
+    fitted = SimpleNamespace(problem=SimpleNamespace(unknowns=None), told=None)
     check = Check.of(Scenes.of((PROBE,), DX), fitted)
     assert check.unread == f"{whose}, too few points" and check.bears_out(check.before)
     after = SimpleNamespace(gap=np.full(50, 3.0), chance_apart=50.0)

@@ -96,6 +96,16 @@ def test_sensors_tell_what_their_effects_make_of_the_same_motion(plain):
     np.testing.assert_array_equal(told.reference, plain.reference)
 
 
+def test_a_tool_is_said_to_be_elsewhere_by_an_error_that_stays_and_is_stated(plain):
+    told = record(prepare(acting(changes=("measure.place=1.0e-4",))))
+    own, other = (r.poses["press_plate"] for r in (plain, told))
+    assert own.noise is None and other.noise == 1e-4
+    off = other.value - own.value
+    assert np.ptp(off, axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert 1e-5 < np.linalg.norm(off[0, :3, 3]) < 5e-4
+    np.testing.assert_array_equal(told.p_WQ, plain.p_WQ)
+
+
 def test_what_resists_motion_takes_its_impulse(plain):
     """Of a rod that may widen the Trouton viscosity is two to three times that of shear, by volume."""
     damped = record(prepare(acting("{id: damping, coefficient: 30.0}")))

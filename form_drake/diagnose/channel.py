@@ -1,7 +1,8 @@
 """Errors of predictions of one kind of measurement, before and after effects are added.
 
 What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
-out of the errors before and after alike, so that neither is blamed for it. What noise adds to a mean square
+out of the errors before and after alike, so that neither is blamed for it. Plates that may stand elsewhere
+are taken to be where all channels of a recording together would have them. What noise adds to a mean square
 is taken off, so that a gap far below the noise of one sample is seen where there are many.
 """
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from form_drake.diagnose.match import Match
 
+EXACT = 1e-9  # of the largest of some measurements, below which their noise is none
 SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
 TOLD = 0.02  # share of itself, to which a noise is known
 CLEAR = 3.0  # times what the grid changes: smaller gaps say nothing
@@ -79,18 +81,38 @@ class Channel:
         }
 
 
-def compared(name: str, unit: str, noise: float, values: Sequence[np.ndarray]) -> Channel:
-    """Of what was measured, predicted without effects, on the coarse grid and with them."""
-    seen, before, coarse, other = (v.ravel() for v in values)
+Kind = tuple[str, str, float, Sequence[np.ndarray]]
+
+
+def compared(kinds: Sequence[Kind]) -> list[Channel]:
+    """Of what was measured in one recording, predicted without effects, on the coarse grid and with them.
+
+    Args:
+        kinds: name, unit and noise of every measurement, and these four; then what is predicted without
+            effects on the coarse grid where a plate is off by one standard deviation, for every such way.
+    """
+    if not kinds:
+        return []
+    grids, gaps, ways = zip(*(_off_grid(values) for *_, values in kinds), strict=True)
+    sizes = [max(noise, EXACT * float(np.abs(v[0]).max())) or 1.0 for *_, noise, v in kinds]
+    A, b = (np.vstack([a / s for a, s in zip(x, sizes, strict=True)]) for x in (ways, gaps))
+    took = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ b)
+    found = []
+    for (name, unit, noise, _), grid, gap, way in zip(kinds, grids, gaps, ways, strict=True):
+        squares = np.mean((gap - way @ took) ** 2, axis=0)
+        before, after = (_beyond(np.sqrt(square), noise) for square in squares)
+        found.append(Channel(name, unit, before, after, noise, len(gap), grid))
+    return found
+
+
+def _off_grid(values: Sequence[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
+    """What the grid changes, errors before and after without that, and what plates change, likewise."""
+    seen, before, coarse, other, *elsewhere = (v.ravel() for v in values)
     grid = before - coarse
     along = grid / max(float(np.linalg.norm(grid)), 1e-300)
-
-    def error(a: np.ndarray) -> float:
-        return _beyond(np.sqrt(np.mean((a - along * (along @ a)) ** 2)), noise)
-
-    size = float(np.sqrt(np.mean(grid**2)))
-    errors = error(seen - before), error(seen - other)
-    return Channel(name, unit, *errors, noise, len(seen), size)
+    every = np.stack([seen - before, seen - other, *(v - coarse for v in elsewhere)], axis=1)
+    every -= np.outer(along, along @ every)
+    return float(np.sqrt(np.mean(grid**2))), every[:, :2], every[:, 2:]
 
 
 def of_balance(before: Match, after: Match) -> Channel:

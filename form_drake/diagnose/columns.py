@@ -100,20 +100,9 @@ class Columns:
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""
-        probes = self.problem.probes
-        meant = [n for n, p in enumerate(probes) if effect.concerns(p.body)]
-        one, other = (
-            replace(p, probes=tuple(p.probes[n] for n in meant), offset=None)
-            for p in (self.twin, self.problem)
-        )
+        meant = [n for n, p in enumerate(self.problem.probes) if effect.concerns(p.body)]
         size, model = self._more(effect, shape)
-        other = twin_of(other, self.scenes.rough.only(meant), model)
-        eta, theta = self.twin.coordinates(self.model.values)
-        change = rest_of(other.rows(eta, theta), theta) - rest_of(one.rows(eta, theta), theta)
-        lengths = [int(p.keep.sum()) for p in probes]
-        found = np.zeros(sum(lengths))
-        found[np.repeat(np.isin(np.arange(len(probes)), meant), lengths)] = change / size
-        return found
+        return changed(self.problem, self.twin, self.scenes.rough, model, meant) / size
 
     def rests(self, models: Sequence[Model]) -> np.ndarray:
         """What laws leave of twins of these models less what is left here, shape [rows, models]."""
@@ -216,6 +205,38 @@ def twin_of(
         return twin_problem(problem, scenes.recordings, lambda _: made, dict(model.values))
     except ValueError as error:
         raise ValueError(f"as simulated, {error}") from None
+
+
+def changed(
+    problem: Problem,
+    twin: Problem,
+    scenes: Scenes,
+    model: Model,
+    meant: Sequence[int],
+    made: Sequence[Recording] | None = None,
+) -> np.ndarray:
+    """What simulations of some probes leave of the law more than a twin, zero elsewhere, shape [rows].
+
+    Args:
+        problem: probes of the data.
+        twin: the same of the simulation.
+        scenes: of all of them, as they are simulated.
+        model: with the twin's values of the law.
+        meant: which probes.
+        made: simulations of these; None: by the model.
+
+    Raises:
+        ValueError: a simulation fails, or cannot be read.
+    """
+    one, other = (
+        replace(p, probes=tuple(p.probes[n] for n in meant), offset=None) for p in (twin, problem)
+    )
+    other = twin_of(other, scenes.only(meant), model, made)
+    lengths = [int(p.keep.sum()) for p in problem.probes]
+    found = np.zeros(sum(lengths))
+    own = np.repeat(np.isin(np.arange(len(lengths)), meant), lengths)
+    found[own] = _left(other, model) - _left(one, model)
+    return found
 
 
 def rest_of(rows: Rows, theta: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 
 from form_drake.diagnose.columns import rest_of
 from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.plates import plate_errors
 from form_drake.identify.problem import Problem
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
@@ -72,8 +73,13 @@ def by_field(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
-    """Inverse covariance of noise, and of what simulations have wrong at held faces."""
+    """Inverse covariance of noise, and of what simulations have wrong at held faces.
+
+    Where plates may stand elsewhere than they are told to, that is one more error of all rows.
+    """
     noise = problem.noise(*problem.coordinates(model.values))
     pairs = zip(noise, twin.probes, scenes.dx, strict=True)
     noise = [n + layer_error(p, dx) for n, p, dx in pairs]
-    return weights(noise, np.ones(sum(map(len, noise))), 0.0)
+    found = weights(noise, np.ones(sum(map(len, noise))), 0.0)
+    errors = plate_errors(problem, twin, scenes, model)
+    return found.beside(errors) if errors.size else found

@@ -12,6 +12,7 @@ import numpy as np
 
 from form_drake.diagnose.columns import Key, Parts, parts
 from form_drake.diagnose.model import Model, Scenes, firm
+from form_drake.diagnose.plates import simulated
 from form_drake.diagnose.prepare import CLEAR
 from form_drake.diagnose.projected import Projected
 from form_drake.diagnose.verify import there, tracking_noise
@@ -105,8 +106,10 @@ class Sight(Projected):
 
     def white(self, a: np.ndarray) -> np.ndarray:
         """What the grid has wrong may be more or less, along every axis of the tracks and of the force of
-        every recording: that is taken out."""
-        return a - self._doubts @ (self._doubts.T @ a)
+        every recording: that is taken out. Plates that may stand elsewhere are one more error."""
+        a = a - self._doubts @ (self._doubts.T @ a)
+        lines, sizes = self._plates
+        return a + (lines * (1.0 / np.hypot(1.0, sizes) - 1.0)) @ (lines.T @ a)
 
     @cached_property
     def _doubts(self) -> np.ndarray:
@@ -124,6 +127,18 @@ class Sight(Projected):
         found = self.grid[:, None] * (label[:, None] == np.unique(label))
         size = np.linalg.norm(found, axis=0)
         return found[:, size > 0.0] / size[size > 0.0]
+
+    @cached_property
+    def _plates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Principal directions and sizes of what plates that are off change, off what the grid has wrong."""
+        made = [] if self.grid is None else simulated(self.scenes, self.model)
+        found = [
+            self._rows([*self.made[:n], m, *self.made[n + 1 :]]) - self._still for n, m in made
+        ]
+        errors = np.reshape(found, (len(found), len(self._still))).T
+        errors = errors - self._doubts @ (self._doubts.T @ errors)
+        lines, sizes, _ = np.linalg.svd(errors, full_matrices=False)
+        return lines, sizes
 
     @property
     def chance_apart(self) -> float:
@@ -165,7 +180,7 @@ class Sight(Projected):
     def near(self, model: Model) -> "Sight":
         made = tuple(self.scenes.rough.rolled(model))
         found = replace(self, model=model, made=made, origin=self.origin or self)
-        found.__dict__.update(_noise=self._noise, _doubts=self._doubts)
+        found.__dict__.update(_noise=self._noise, _doubts=self._doubts, _plates=self._plates)
         return found
 
     def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:

@@ -1,5 +1,6 @@
 """What an effect is worth: motions that were held back, predicted without it and with it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from form_drake.diagnose.channel import Channel, compared, of_balance
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.noise import most
+from form_drake.diagnose.plates import Elsewhere, simulated
 from form_drake.diagnose.prepare import problem_of, require_throughout
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
@@ -47,12 +49,14 @@ class Check:
         problem: they, read for the balance; None: they cannot be.
         before: predicted without the effects.
         unread: why the balance of the one or of the other cannot be; "": it is.
+        elsewhere: predicted without the effects on the coarser grid, where plates are off.
     """
 
     scenes: Scenes
     problem: Problem | None
     before: Predicted
     unread: str = ""
+    elsewhere: Sequence[Elsewhere] = ()
 
     @classmethod
     def of(cls, scenes: Scenes, fitted: Match, coarse: Rolled | None = None) -> "Check":
@@ -68,12 +72,13 @@ class Check:
         """
         scenes = replace(scenes, coarser=COARSER)
         rolled, problem, whose = _rolled(scenes, fitted, coarse), None, "as measured"
+        off = simulated(scenes, fitted.told)
         try:
             problem = problem_of(scenes, fitted.problem.unknowns)
             whose = "as predicted without the effects"
-            return cls(scenes, problem, _read(problem, scenes, fitted, *rolled))
+            return cls(scenes, problem, _read(problem, scenes, fitted, *rolled), "", off)
         except ValueError as error:
-            return cls(scenes, problem, Predicted(*rolled, None), f"{whose}, {error}")
+            return cls(scenes, problem, Predicted(*rolled, None), f"{whose}, {error}", off)
 
     @property
     def measured(self) -> tuple[Recording, ...]:
@@ -172,20 +177,16 @@ class Check:
         before, found = before or self.before, []
         every = (before.recordings, before.coarse, after.recordings)
         rows = zip(self.measured, *every, strict=True)
-        for n, (seen, one, coarse, other) in enumerate(rows, start=1):
+        for n, (seen, *made) in enumerate(rows, start=1):
+            made += [one for k, one in self.elsewhere if k == n - 1]
             tools = [
-                (
-                    f"force of {tool} {n}",
-                    "N",
-                    f.noise,
-                    [r.forces[tool].value for r in (seen, one, coarse, other)],
-                )
-                for tool, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
+                (f"force of {t} {n}", "N", f.noise, [r.forces[t].value for r in (seen, *made)])
+                for t, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
             ]
             use = there(seen)
-            u = [(r.p_WQ - seen.reference)[use] for r in (seen, one, coarse, other)]
+            u = [(r.p_WQ - seen.reference)[use] for r in (seen, *made)]
             tracks = (f"tracks {n}", "m", tracking_noise(seen), u)
-            found += [compared(*kind) for kind in (tracks, *tools) if kind[-1][0].size]
+            found += compared([kind for kind in (tracks, *tools) if kind[-1][0].size])
         if before.match is not None and after.match is not None:
             found.append(of_balance(before.match, after.match))
         return found

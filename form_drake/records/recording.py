@@ -67,7 +67,8 @@ class Stream:
         time: stamps [s], shape [samples], increasing.
         value: samples; poses X_WT are homogeneous matrices [samples, 4, 4], forces f_T_W [N]
             have shape [samples, 3], joint positions q [rad] shape [samples, joints].
-        noise: standard deviation of one component, in the unit of the values; None: unknown.
+        noise: standard deviation of one component, in the unit of the values; None: unknown. Of poses
+            that of how far a place is off [m], which stays so; None: not at all.
     """
 
     time: np.ndarray

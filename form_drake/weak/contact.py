@@ -14,7 +14,8 @@ from form_drake.weak.fields import Fields, Sampled
 from form_drake.weak.windows import Windows
 
 GRID = 6  # points along each edge of a face
-OPEN = 5e-5  # [m] off the rest plane, from which nothing may touch
+OPEN = 5e-5  # [m] off the rest plane, from which nothing may touch,
+SURE = 3.0  # and standard deviations of where the tool is
 STIFFNESS = 1.0  # [N/m], by which a displacement has the unit of the other rows
 
 
@@ -109,7 +110,7 @@ class OpenFields:
             pose = recording.poses[tool]
             plane = (body.low, body.high)[face.side][face.axis]
             place = np.asarray(pose.value)[:, face.axis, 3]
-            away = (2 * face.side - 1) * (place - plane) > OPEN
+            away = (2 * face.side - 1) * (place - plane) > OPEN + SURE * (pose.noise or 0.0)
             off = np.interp(time, pose.time - recording.time[0], away.astype(float)) == 1.0
             for axis in range(3):
                 if axis != face.axis:
