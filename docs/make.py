@@ -53,6 +53,10 @@ SEALED = {
     "third": "third/blind.json",
 }
 SIZES = {"frames": 11, "points": 13, "states": 17, "intervals": 19, "samples": 23, "joints": 29}
+NOISE, POSES = (
+    "standard deviation of one component; absent: unknown.",
+    "standard deviation of how far the place is off, which stays so; absent: not at all.",
+)
 STREAM_UNITS = {"poses": "", "forces": "N", "joints": "rad"}
 API = {
     "From a recording to a material": (
@@ -372,9 +376,9 @@ def layout_table() -> str:
             def visit(place: str, item: Any) -> None:
                 if not isinstance(item, h5py.Dataset):
                     if "noise" in item.attrs:
-                        unit = "m" if place.startswith("poses") else "as its values"
-                        row = f"attribute `noise` of `{place}`", "number", unit
-                        rows.append((*row, attributes(Stream)["noise"]))
+                        of_poses = place.startswith("poses")
+                        unit, says_of = ("m", POSES) if of_poses else ("as its values", NOISE)
+                        rows.append((f"attribute `noise` of `{place}`", "number", unit, says_of))
                     return
                 shape = ", ".join(words.get(n, str(n)) for n in item.shape)
                 if "dims" in item.attrs:

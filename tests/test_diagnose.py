@@ -185,7 +185,15 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
 
 @pytest.mark.parametrize("of", [{"law": 5}, {"effects": [{"a": 1}]}, {"noise": ["x"]}])
 def test_nulls_that_are_none_are_refused(tmp_path, of):
-    told = {"law": "yeoh", "effects": [], "noise": [1e-5], "force": [], "dx": [1e-3], **of}
+    told = {
+        "law": "yeoh",
+        "effects": [],
+        "noise": [1e-5],
+        "force": [],
+        "place": [],
+        "dx": [1e-3],
+        **of,
+    }
     (tmp_path / "nulls.json").write_text(json.dumps({"scores": {}, "draws": 16, "of": told}))
     with pytest.raises(ValueError, match=r"nulls[.]json: no nulls of recordings"):
         Nulls.read(tmp_path / "nulls.json")

@@ -33,7 +33,7 @@ def acting(*effects, changes=()):
     """A short press of a coarse elastic block in which effects act."""
     own = f"specimen.effects=[{', '.join(effects)}]"
     scenario = load_scenario("press_elastic", (*QUIET, own, *changes))
-    p = np.array(scenario.probe.waypoints[0].p_WT)
+    p = np.array([0.5, 0.0, 0.076])  # a millimetre above
     times, depths = (0.0, 0.06, 0.2, 0.3), (0.0, 0.0, 0.0025, 0.0015)
     way = [Waypoint(t, list(p - [0.0, 0.0, d])) for t, d in zip(times, depths, strict=True)]
     scenario.probe.waypoints = way
@@ -288,14 +288,15 @@ def test_what_the_station_hides_is_sought_in_what_it_records(tmp_path, monkeypat
     monkeypatch.setattr("form_drake.systems.probe.prepare", lambda s: SimpleNamespace(scenario=s))
     monkeypatch.setattr("form_drake.systems.probe.record", recorded)
     monkeypatch.setattr(station, "diagnosed", diagnosed)
-    result = station.run_station(store=tmp_path, only=("drag/0", "nothing/1", "friction/0"))
-    hidden, none = (result["cases"][k] for k in ("drag/0", "nothing/1"))
+    result = station.run_station(store=tmp_path, only=("drag", "nothing", "friction"))
+    hidden, none = (result["cases"][k] for k in ("drag", "nothing"))
     acting = [len(one) for _, one in asked]  # a plate that is glued on rubs nowhere
     assert acting == [0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 1, 0]
     assert hidden["true"] == asked[4][1][0]["coefficient"] and none["true"] == 0.0
     assert len({s.measure.seed for s, _ in asked}) == len(asked) and len(seen) == 3
+    assert all(s.solver.dx < 0.0016 and s.measure.place == 2e-5 for s, _ in asked)
     ways = [s.probe.waypoints for s, _ in asked[:4]]
     assert ways[0] != ways[2] and ways[1] != ways[3]
     told = station.table(result).splitlines()
-    assert told[1].split() == "nothing/1 - named 97 % drag 12.3 ± 0.2 1/s".split()
-    assert told[2].split()[:3] == ["drag/0", "12.0", "named"]
+    assert told[1].split() == "nothing - named 97 % drag 12.3 ± 0.2 1/s".split()
+    assert told[2].split()[:3] == ["drag", "12.0", "named"]

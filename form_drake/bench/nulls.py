@@ -110,7 +110,8 @@ def run_like(
     """The bench on scenes of one's own, kept by recordings, model and grid.
 
     Args:
-        recordings: of one specimen, whose noise is drawn again: that of tracks and forces, not what lasts.
+        recordings: of one specimen, whose noise is drawn again: that of tracks and forces, not what lasts,
+            nor where plates are.
         model: of the specimen; its effects are known ones.
         effects: a catalogue.
         dx: grid spacing of the twin [m]; None: chosen, see ``Scenes``.

@@ -2,8 +2,9 @@
 
 What a simulator has wrong is measured too, as what a coarser grid changes. That direction is projected
 out of the errors before and after alike, so that neither is blamed for it. Plates that may stand elsewhere
-are taken to be where all channels of a recording together would have them. What noise adds to a mean square
-is taken off, so that a gap far below the noise of one sample is seen where there are many.
+are taken to be where all channels of a recording together would have them, as far as they may be. What noise
+adds to a mean square is taken off, so that a gap far below the noise of one sample is seen where there are
+many.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import numpy as np
 
 from form_drake.diagnose.match import Match
 
+OFF = 3.0  # standard deviations, by which plates may be off at most
 EXACT = 1e-9  # of the largest of some measurements, below which their noise is none
 SEEN = 2.0  # times the floor, four standard deviations of a mean square, and
 TOLD = 0.02  # share of itself, to which a noise is known
@@ -81,38 +83,63 @@ class Channel:
         }
 
 
-Kind = tuple[str, str, float, Sequence[np.ndarray]]
+@dataclass(frozen=True)
+class Kind:
+    """One kind of measurement in a recording.
+
+    Attributes:
+        name: of the recording and what is measured.
+        unit: of the values.
+        noise: of one measurement.
+        values: measured; predicted without effects, on a coarser grid, and with them.
+        elsewhere: what plates change of a prediction that are off by one standard deviation, for every way.
+    """
+
+    name: str
+    unit: str
+    noise: float
+    values: Sequence[np.ndarray]
+    elsewhere: Sequence[np.ndarray] = ()
+
+    @property
+    def scale(self) -> float:
+        """Noise, which is never quite none."""
+        return max(self.noise, EXACT * float(np.abs(self.values[0]).max())) or 1.0
+
+    @property
+    def grid(self) -> np.ndarray:
+        """What the grid changes, shape [samples]."""
+        _, before, coarse, _ = self.values
+        return np.asarray(before - coarse).ravel()
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Before and after, and what plates change; off what the grid does; shape [samples, 2 + ways]."""
+        seen, before, _, after = self.values
+        parts = (seen - before, seen - after, *self.elsewhere)
+        every = np.stack([a.ravel() for a in parts], axis=1)
+        along = self.grid / max(float(np.linalg.norm(self.grid)), 1e-300)
+        return np.asarray(every - np.outer(along, along @ every))
 
 
 def compared(kinds: Sequence[Kind]) -> list[Channel]:
-    """Of what was measured in one recording, predicted without effects, on the coarse grid and with them.
-
-    Args:
-        kinds: name, unit and noise of every measurement, and these four; then what is predicted without
-            effects on the coarse grid where a plate is off by one standard deviation, for every such way.
-    """
+    """Predictions of one recording beside what was measured."""
     if not kinds:
         return []
-    grids, gaps, ways = zip(*(_off_grid(values) for *_, values in kinds), strict=True)
-    sizes = [max(noise, EXACT * float(np.abs(v[0]).max())) or 1.0 for *_, noise, v in kinds]
-    A, b = (np.vstack([a / s for a, s in zip(x, sizes, strict=True)]) for x in (ways, gaps))
-    took = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ b)
+    errors = [kind.errors for kind in kinds]
+    whole = np.vstack([a / kind.scale for a, kind in zip(errors, kinds, strict=True)])
+    gaps, ways = whole[:, :2], whole[:, 2:]
+    count = ways.shape[1]
+    rows = np.vstack([ways, np.eye(count)]), np.vstack([gaps, np.zeros((count, 2))])
+    off = np.linalg.lstsq(*rows, rcond=None)[0] if count else np.zeros((0, 2))
+    off /= np.maximum(1.0, np.linalg.norm(off, axis=0) / OFF)
     found = []
-    for (name, unit, noise, _), grid, gap, way in zip(kinds, grids, gaps, ways, strict=True):
-        squares = np.mean((gap - way @ took) ** 2, axis=0)
-        before, after = (_beyond(np.sqrt(square), noise) for square in squares)
-        found.append(Channel(name, unit, before, after, noise, len(gap), grid))
+    for kind, own in zip(kinds, errors, strict=True):
+        squares = np.mean((own[:, :2] - own[:, 2:] @ off) ** 2, axis=0)
+        before, after = (_beyond(float(np.sqrt(square)), kind.noise) for square in squares)
+        size = float(np.sqrt(np.mean(kind.grid**2)))
+        found.append(Channel(kind.name, kind.unit, before, after, kind.noise, len(own), size))
     return found
-
-
-def _off_grid(values: Sequence[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
-    """What the grid changes, errors before and after without that, and what plates change, likewise."""
-    seen, before, coarse, other, *elsewhere = (v.ravel() for v in values)
-    grid = before - coarse
-    along = grid / max(float(np.linalg.norm(grid)), 1e-300)
-    every = np.stack([seen - before, seen - other, *(v - coarse for v in elsewhere)], axis=1)
-    every -= np.outer(along, along @ every)
-    return float(np.sqrt(np.mean(grid**2))), every[:, :2], every[:, 2:]
 
 
 def of_balance(before: Match, after: Match) -> Channel:

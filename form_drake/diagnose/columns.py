@@ -228,14 +228,12 @@ def changed(
     Raises:
         ValueError: a simulation fails, or cannot be read.
     """
-    one, other = (
-        replace(p, probes=tuple(p.probes[n] for n in meant), offset=None) for p in (twin, problem)
-    )
+    other = replace(problem, probes=tuple(problem.probes[n] for n in meant), offset=None)
     other = twin_of(other, scenes.only(meant), model, made)
     lengths = [int(p.keep.sum()) for p in problem.probes]
     found = np.zeros(sum(lengths))
     own = np.repeat(np.isin(np.arange(len(lengths)), meant), lengths)
-    found[own] = _left(other, model) - _left(one, model)
+    found[own] = _left(other, model) - _left(twin, model)[own]
     return found
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.model import Model, Scenes, firm
 from form_drake.diagnose.noise import by_field, shaken, weighed
+from form_drake.diagnose.plates import Elsewhere
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
 from form_drake.identify.problem import Problem
@@ -72,13 +73,21 @@ class Match(Projected):
 
     @classmethod
     def of(
-        cls, problem: Problem, scenes: Scenes, model: Model, made: Recordings | None = None
+        cls,
+        problem: Problem,
+        scenes: Scenes,
+        model: Model,
+        made: Recordings | None = None,
+        elsewhere: Sequence[Elsewhere] | None = None,
     ) -> "Match":
-        """Simulate on the coarser grid, unless that is ``made`` already, read, and weigh."""
+        """Simulate on the coarser grid, unless that is ``made`` already, read, and weigh.
+
+        So are scenes with plates ``elsewhere``.
+        """
         probes = tuple(replace(p, fit=p.fit.responding) for p in problem.probes)
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
         twin = twin_of(problem, scenes.rough, model, made)
-        by = weighed(problem, twin, scenes, model)
+        by = weighed(problem, twin, scenes, model, elsewhere)
         found = cls(problem, twin, by, by, model, scenes)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
         return replace(found, grid=none, began=found.apart)

@@ -1,10 +1,12 @@
 """What noise does to the rows of a balance, and what simulations of held layers have wrong."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from form_drake.diagnose.columns import rest_of
 from form_drake.diagnose.model import Model, Scenes
-from form_drake.diagnose.plates import plate_errors
+from form_drake.diagnose.plates import Elsewhere, plate_errors, simulated
 from form_drake.identify.problem import Problem
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
@@ -72,14 +74,30 @@ def by_field(problem: Problem, error: np.ndarray) -> np.ndarray:
     return found
 
 
-def weighed(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> Weights:
+def weighed(
+    problem: Problem,
+    twin: Problem,
+    scenes: Scenes,
+    model: Model,
+    made: Sequence[Elsewhere] | None = None,
+) -> Weights:
     """Inverse covariance of noise, and of what simulations have wrong at held faces.
 
     Where plates may stand elsewhere than they are told to, that is one more error of all rows.
+
+    Args:
+        problem: probes of the data.
+        twin: the same of the simulation.
+        scenes: of all of them.
+        model: of the simulation.
+        made: simulated with plates elsewhere; None: that is done here.
+
+    Raises:
+        ValueError: such a simulation fails, or cannot be read.
     """
     noise = problem.noise(*problem.coordinates(model.values))
     pairs = zip(noise, twin.probes, scenes.dx, strict=True)
     noise = [n + layer_error(p, dx) for n, p, dx in pairs]
     found = weights(noise, np.ones(sum(map(len, noise))), 0.0)
-    errors = plate_errors(problem, twin, scenes, model)
-    return found.beside(errors) if errors.size else found
+    made = simulated(scenes, model) if made is None else made
+    return found.beside(plate_errors(problem, twin, scenes, model, made)) if made else found

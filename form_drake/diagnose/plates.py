@@ -5,7 +5,8 @@ way, as of one that gives way. Where its stream states how much (``Stream.noise`
 that simulations have.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,36 +14,69 @@ from form_drake.diagnose.columns import changed
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.identify.problem import Problem
 from form_drake.motion import body
+from form_drake.motion.poses import Poses
 from form_drake.records import Recording
 
-Elsewhere = tuple[int, Recording]  # which of several recordings, and what it would be
+STILL = 1e-6  # [m], which a tool that stands still may go
+MOST = 0.1  # of a body's least edge, by which plates may be off
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """What a recording would be with a plate one standard deviation off.
+
+    Attributes:
+        of: which of several recordings.
+        recording: simulated.
+    """
+
+    of: int
+    recording: Recording
+
+
+def require_near(recording: Recording) -> None:
+    """Refuse plates of which hardly anything is known.
+
+    Raises:
+        ValueError: poses state that they are off by more than a tenth of the body's least edge.
+    """
+    shape = body(recording)
+    most = MOST * float(np.min(shape.high - shape.low))
+    for name, pose in recording.poses.items():
+        if pose.noise and pose.noise > most:
+            raise ValueError(
+                f"poses of {name} may be {pose.noise:.3g} m off, as they state (Stream.noise): up to"
+                f" {most:.3g} m, a tenth of the body's least edge, can be reckoned with"
+            )
 
 
 def elsewhere(recording: Recording) -> list[Recording]:
     """The recording with a plate one standard deviation off, in each of the ways that it may be.
 
     One that is frictionless holds the body where it stands, along its normal; one that is bonded took it
-    where it stood at first.
+    where it stood at the first frame. None goes more than twice as far as it is said to.
     """
-    ways: dict[str, list[np.ndarray]] = {}
+    ends, found = recording.time[[0, -1]], {}
     for face in body(recording).faces:
         pose = recording.poses.get(face.tool)
         if pose is None or not pose.noise:
             continue
         p_WT = pose.value[:, :3, 3]
-        far = float(np.linalg.norm(p_WT - p_WT[0], axis=1).max())
-        own = ways.setdefault(face.tool, [p_WT - p_WT[0]] if far > 0.0 else [])
+        way = p_WT - Poses(pose).at(ends[:1])[0, :3, 3]
+        among = (pose.time >= ends[0]) & (pose.time <= ends[1])
+        far = float(np.linalg.norm(way[among], axis=1).max(initial=0.0))
+        if far > STILL:
+            found[face.tool, "way"] = way * min(pose.noise / far, 1.0)
         if face.condition == "frictionless":
-            own.append(np.broadcast_to(face.normal, p_WT.shape))
-    return [_shifted(recording, tool, one) for tool, own in ways.items() for one in own]
+            normal = np.eye(3)[face.axis]
+            found[face.tool, "xyz"[face.axis]] = np.tile(pose.noise * normal, (len(p_WT), 1))
+    return [_shifted(recording, tool, by) for (tool, _), by in found.items()]
 
 
-def _shifted(recording: Recording, tool: str, way: np.ndarray) -> Recording:
-    """With a tool that goes so much further, as much as its noise at most."""
+def _shifted(recording: Recording, tool: str, by: np.ndarray) -> Recording:
     pose = recording.poses[tool]
-    assert pose.noise is not None
     value = pose.value.copy()
-    value[:, :3, 3] += way * (pose.noise / np.linalg.norm(way, axis=1).max())
+    value[:, :3, 3] += by
     return replace(recording, poses={**recording.poses, tool: replace(pose, value=value)})
 
 
@@ -56,20 +90,30 @@ def simulated(scenes: Scenes, model: Model) -> list[Elsewhere]:
     if not every:
         return []
     which, moved = zip(*every, strict=True)
-    others = replace(scenes.only(which), recordings=moved)
-    made = others.rough.rolled(model)
+    try:
+        made = replace(scenes.only(which), recordings=moved).rough.rolled(model)
+    except ValueError as error:
+        raise ValueError(f"with plates as far off as their poses state, {error}") from None
     poses = (scenes.recordings[n].poses for n in which)
     told = (replace(one, poses=own) for one, own in zip(made, poses, strict=True))
-    return list(zip(which, told, strict=True))
+    return [Elsewhere(*pair) for pair in zip(which, told, strict=True)]
 
 
-def plate_errors(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> np.ndarray:
+def plate_errors(
+    problem: Problem, twin: Problem, scenes: Scenes, model: Model, made: Sequence[Elsewhere]
+) -> np.ndarray:
     """What plates that are off change of the rows of a twin, shape [rows, ways].
 
+    Args:
+        problem: probes of the data.
+        twin: the same of the simulation.
+        scenes: of all of them.
+        model: of the simulation.
+        made: by ``simulated``.
+
     Raises:
-        ValueError: a simulation fails, or cannot be read.
+        ValueError: a simulation cannot be read.
     """
-    made = simulated(scenes, model)
-    columns = [changed(problem, twin, scenes, model, [n], [one]) for n, one in made]
+    columns = [changed(problem, twin, scenes, model, [e.of], [e.recording]) for e in made]
     rows = sum(int(p.keep.sum()) for p in problem.probes)
     return np.reshape(columns, (len(columns), rows)).T

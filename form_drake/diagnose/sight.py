@@ -106,7 +106,11 @@ class Sight(Projected):
 
     def white(self, a: np.ndarray) -> np.ndarray:
         """What the grid has wrong may be more or less, along every axis of the tracks and of the force of
-        every recording: that is taken out. Plates that may stand elsewhere are one more error."""
+        every recording: that is taken out. Plates that may stand elsewhere are one more error.
+
+        Raises:
+            ValueError: these cannot be simulated.
+        """
         a = a - self._doubts @ (self._doubts.T @ a)
         lines, sizes = self._plates
         return a + (lines * (1.0 / np.hypot(1.0, sizes) - 1.0)) @ (lines.T @ a)
@@ -132,9 +136,10 @@ class Sight(Projected):
     def _plates(self) -> tuple[np.ndarray, np.ndarray]:
         """Principal directions and sizes of what plates that are off change, off what the grid has wrong."""
         made = [] if self.grid is None else simulated(self.scenes, self.model)
-        found = [
-            self._rows([*self.made[:n], m, *self.made[n + 1 :]]) - self._still for n, m in made
-        ]
+        found = []
+        for one in made:
+            every = [*self.made[: one.of], one.recording, *self.made[one.of + 1 :]]
+            found.append(self._rows(every) - self._still)
         errors = np.reshape(found, (len(found), len(self._still))).T
         errors = errors - self._doubts @ (self._doubts.T @ errors)
         lines, sizes, _ = np.linalg.svd(errors, full_matrices=False)

@@ -26,9 +26,10 @@ WORDS = {  # what nulls share with the recordings that they stand for
     "effects": "known effects",
     "noise": "noise of tracks [m]",
     "force": "noise of forces [N]",
+    "place": "places of tools that are off by [m]",
     "dx": "grid spacing [m]",
 }
-MEASURED = ("noise", "force", "dx")
+MEASURED = ("noise", "force", "place", "dx")
 COMMON = (
     "Thresholds come from eight neo-Hookean blocks on a finer grid of the same solver, pressed by bonded"
     " and by frictionless plates, and shaken, with sixteen draws of noise of 50 um in tracks and of 1 % in"
@@ -122,6 +123,7 @@ def likeness(scenes: Scenes, law: Law, causes: Sequence[Known] = ()) -> dict[str
         "effects": sorted(c.effect.id for c in causes),
         "noise": [tracking_noise(one) for one in seen],
         "force": [own[tool].noise for own in felt for tool in sorted(own)],
+        "place": [one.poses[tool].noise or 0.0 for one in seen for tool in sorted(one.poses)],
         "dx": list(scenes.dx),
     }
 

@@ -1,15 +1,16 @@
 """What an effect is worth: motions that were held back, predicted without it and with it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from form_drake.diagnose.channel import Channel, compared, of_balance
+from form_drake.diagnose.channel import Channel, Kind, compared, of_balance
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.noise import most
-from form_drake.diagnose.plates import Elsewhere, simulated
+from form_drake.diagnose.plates import Elsewhere, require_near, simulated
 from form_drake.diagnose.prepare import problem_of, require_throughout
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
@@ -76,7 +77,8 @@ class Check:
         try:
             problem = problem_of(scenes, fitted.problem.unknowns)
             whose = "as predicted without the effects"
-            return cls(scenes, problem, _read(problem, scenes, fitted, *rolled), "", off)
+            before = _read(problem, scenes, fitted, *rolled, off)
+            return cls(scenes, problem, before, "", off)
         except ValueError as error:
             return cls(scenes, problem, Predicted(*rolled, None), f"{whose}, {error}", off)
 
@@ -177,19 +179,30 @@ class Check:
         before, found = before or self.before, []
         every = (before.recordings, before.coarse, after.recordings)
         rows = zip(self.measured, *every, strict=True)
-        for n, (seen, *made) in enumerate(rows, start=1):
-            made += [one for k, one in self.elsewhere if k == n - 1]
-            tools = [
-                (f"force of {t} {n}", "N", f.noise, [r.forces[t].value for r in (seen, *made)])
-                for t, f in measured(seen, 0.0, float(np.ptp(seen.time))).items()
-            ]
-            use = there(seen)
-            u = [(r.p_WQ - seen.reference)[use] for r in (seen, *made)]
-            tracks = (f"tracks {n}", "m", tracking_noise(seen), u)
-            found += compared([kind for kind in (tracks, *tools) if kind[-1][0].size])
+        for n, (seen, *made) in enumerate(rows):
+            still = self.before.coarse[n]
+            off = [one.recording for one in self.elsewhere if one.of == n]
+            kinds = []
+            for name, unit, noise, part in _parts(seen):
+                changes = [part(one) - part(still) for one in off]
+                values = [part(one) for one in (seen, *made)]
+                kinds.append(Kind(f"{name} {n + 1}", unit, noise, values, changes))
+            found += compared([kind for kind in kinds if kind.values[0].size])
         if before.match is not None and after.match is not None:
             found.append(of_balance(before.match, after.match))
         return found
+
+
+def _parts(seen: Recording) -> Iterator[tuple[str, str, float, Callable[[Recording], np.ndarray]]]:
+    """Kinds of measurements in a recording: name, unit, noise and where a prediction has them."""
+    use = there(seen)
+    yield "tracks", "m", tracking_noise(seen), lambda one: one.p_WQ[use]
+    for tool, felt in measured(seen, 0.0, float(np.ptp(seen.time))).items():
+        yield f"force of {tool}", "N", felt.noise, partial(_force, tool)
+
+
+def _force(tool: str, recording: Recording) -> np.ndarray:
+    return recording.forces[tool].value
 
 
 def _rolled(scenes: Scenes, fitted: Match, coarse: Rolled | None) -> tuple[Rolled, Rolled]:
@@ -199,9 +212,14 @@ def _rolled(scenes: Scenes, fitted: Match, coarse: Rolled | None) -> tuple[Rolle
 
 
 def _read(
-    problem: Problem, scenes: Scenes, fitted: Match, fine: Rolled, coarse: Rolled
+    problem: Problem,
+    scenes: Scenes,
+    fitted: Match,
+    fine: Rolled,
+    coarse: Rolled,
+    elsewhere: Sequence[Elsewhere] | None = None,
 ) -> Predicted:
-    match = Match.of(problem, scenes, fitted.told, coarse).anchored(fine)
+    match = Match.of(problem, scenes, fitted.told, coarse, elsewhere).anchored(fine)
     return Predicted(fine, coarse, match.doubted(fitted.root))
 
 
@@ -228,6 +246,7 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
         require_throughout(recording)
     scenes = Scenes.of((recording,), dx)
     _ = scenes.spacings  # refuses faces and poses that no stage can hold
+    require_near(recording)
     measured(recording, 0.0, float(np.ptp(recording.time)))
     lost = int(np.sum(~np.isfinite(recording.reference).all(axis=1)))
     if lost:
