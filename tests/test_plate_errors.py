@@ -115,6 +115,13 @@ def test_a_plate_of_which_hardly_anything_is_known_is_refused():
         require_stated(probe, DX, held_back=True)
 
 
+def test_a_plate_that_never_touches_is_refused_with_what_its_plane_is():
+    flange = replace(moved(planned("frictionless", None), 0.1), noise=NOISE)
+    with pytest.raises(ValueError, match=r"plate stays 0\.09\d+ m off z\+ and more.*another frame"):
+        require_stated(flange, DX, held_back=True)
+    require_stated(replace(planned("frictionless"), noise=NOISE), DX, held_back=True)
+
+
 def test_what_is_simulated_is_told_under_the_recorded_poses():
     still, off = planned("bonded", None), planned("bonded")
     scenes = Scenes((still, off), (DX, DX), coarser=1.0)

@@ -43,7 +43,7 @@ class Identify:
     start: Assignments = ""
     """Values where rollouts start; default: a coarse scan that uses no truth."""
     known: Assignments = ""
-    """Parameter values that are given; the weak form takes nu alone."""
+    """Parameter values that are given; in the weak form nu may stand without E."""
     force: str = "sensor"
     """Source of the forces: sensor at the tool, or joint-torque, where the recording has both."""
     fields: str = ""

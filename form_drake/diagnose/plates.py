@@ -15,6 +15,7 @@ from form_drake.diagnose.model import Model, Scenes
 from form_drake.identify.problem import Problem
 from form_drake.motion import body
 from form_drake.motion.poses import Poses
+from form_drake.mpm.ways import Path
 from form_drake.records import Recording
 
 STILL = 1e-6  # [m], which a tool that stands still may go
@@ -34,13 +35,14 @@ class Elsewhere:
     recording: Recording
 
 
-def require_near(recording: Recording) -> None:
-    """Refuse plates of which hardly anything is known.
+def require_placed(recording: Recording) -> None:
+    """Refuse plates of which hardly anything is known, and those that never touch.
 
     Raises:
-        ValueError: poses state that they are off by more than a tenth of the body's least edge.
+        ValueError: poses state that they are off by more than a tenth of the body's least edge, or a
+            frictionless tool stays farther than that from the face on which it feels a force.
     """
-    shape = body(recording)
+    shape, time = body(recording), recording.time - recording.time[0]
     most = MOST * float(np.min(shape.high - shape.low))
     for name, pose in recording.poses.items():
         if pose.noise and pose.noise > most:
@@ -48,6 +50,16 @@ def require_near(recording: Recording) -> None:
                 f"poses of {name} may be {pose.noise:.3g} m off, as they state (Stream.noise): up to"
                 f" {most:.3g} m, a tenth of the body's least edge, can be reckoned with"
             )
+    for face in shape.faces:
+        if face.condition == "frictionless" and face.tool in recording.forces:
+            path = Path.of(recording, shape, face)
+            away = float(((path.at(time)[0] - path.face) @ face.normal).min())
+            if away > most:
+                raise ValueError(
+                    f"{face.tool} stays {away:.3g} m off {face.name} and more, on which it is said to press:"
+                    " its plane goes through the origin of its poses; are these of another frame of the tool,"
+                    " or is the face free?"
+                )
 
 
 def elsewhere(recording: Recording) -> list[Recording]:

@@ -10,7 +10,7 @@ from form_drake.diagnose.channel import Channel, Kind, compared, of_balance
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.noise import most
-from form_drake.diagnose.plates import Elsewhere, require_near, simulated
+from form_drake.diagnose.plates import Elsewhere, require_placed, simulated
 from form_drake.diagnose.prepare import problem_of, require_throughout
 from form_drake.diagnose.verdict import LEAST, WRONG
 from form_drake.identify.problem import Problem
@@ -246,7 +246,7 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
         require_throughout(recording)
     scenes = Scenes.of((recording,), dx)
     _ = scenes.spacings  # refuses faces and poses that no stage can hold
-    require_near(recording)
+    require_placed(recording)
     measured(recording, 0.0, float(np.ptp(recording.time)))
     lost = int(np.sum(~np.isfinite(recording.reference).all(axis=1)))
     if lost:

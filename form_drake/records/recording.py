@@ -130,7 +130,7 @@ class Recording:
             of another source than a sensor at the tool under ``TOOL:SOURCE``.
         joints: robot joint positions.
         cameras: calibration by camera name.
-        geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "size": "..."}.
+        geometry: specimen geometry in words and numbers, e.g. {"shape": "box", "low": "0 0 0", "high": "..."}.
         contact: condition per face, x- to z+ or other: free, unknown, bonded, frictionless or touched, the
             last three with the name of the tool or support, e.g. {"z-": "bonded floor", "other": "free"}.
         rest: intervals in which nothing moves [s], shape [intervals, 2]: what tracks do there is error.
