@@ -24,7 +24,7 @@ from form_drake.systems.soft import AddMaterial
 from form_drake.systems.station import make_station
 
 COARSE = ("solver.dx=0.006", "solver.mass_scale=20", "measure.points=40", "measure.noise=0")
-QUIET = (*COARSE, "measure.sensor.noise=[0.0]", "solver.settle=0.05")
+QUIET = (*COARSE, "measure.sensor.noise=[0.0]", "measure.place=0", "solver.settle=0.05")
 FORCES = ("press_plate", "press_plate:joint-torque")
 BALL = "{x: 0.5, y: 0.0, z: 0.0625, radius: 0.01}"
 

@@ -49,11 +49,11 @@ def answer(tmp_path_factory):
     force = rng.normal(0.0, FORCE_NOISE, (141, 3))
     force[:, 2] -= stress(a, c)[:, 2] / c * 0.02**2
     blocks = re.findall(r"^```py\n(.*?)^```$", README.read_text(), re.DOTALL | re.MULTILINE)
-    (block,) = (b for b in blocks if "rubber.npz" in b)
-    folder, found = tmp_path_factory.mktemp("readme"), {}
+    (block,) = (b for b in blocks if "rubber.h5" in b)
+    folder = tmp_path_factory.mktemp("readme")
+    found = {"time": time, "points": points, "force_time": force_time, "force": force}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        np.savez("rubber.npz", time=time, points=points, force_time=force_time, force=force)
         exec(block, found)
         assert read("rubber.h5").forces.keys() == {"plate"}
     return found["answer"]
