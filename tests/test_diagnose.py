@@ -169,6 +169,7 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
     (seen,), drag = scenes.recordings, Cause(CATALOGUE["drag"], 2.0, {})
     own.require_like(likeness(replace(scenes, recordings=(replace(seen, noise=1.2 * NOISE),)), LAW))
     felt = {k: replace(s, noise=2.0 * s.noise) for k, s in seen.forces.items()}
+    off = {k: replace(s, noise=1e-4) for k, s in seen.poses.items()}
     twice = replace(scenes, recordings=2 * scenes.recordings, dx=(DX, DX))
     for other, told in (
         (likeness(scenes, LAWS["yeoh"]), "law fixed-corotated, these recordings have yeoh"),
@@ -176,6 +177,7 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
         (likeness(scenes.times(2.0), LAW), "grid spacing .m. 0.004, these recordings have 0.008"),
         (_with(scenes, noise=2.0 * NOISE), "noise of tracks .m. 5e-06, .* have 1e-05"),
         (_with(scenes, forces=felt), "noise of forces"),
+        (_with(scenes, poses=off), "places of tools that are off"),
         (likeness(twice, LAW), "noise of tracks .m. 5e-06, .* have 5e-06, 5e-06"),
     ):
         with pytest.raises(ValueError, match=told):

@@ -25,7 +25,7 @@ HIDDEN = {  # size of the coefficient
 }
 FINER = 1.6  # than a scenario's, the grid of the station: else what it has wrong would be found too
 PROBES = {"press_elastic": HIDDEN.keys(), "shake_elastic": HIDDEN.keys() - {"tool-friction"}}
-SECONDS = 1800.0  # for a case
+SECONDS = 900.0  # for a case
 
 
 def _recorded(name: str, acting: str, seed: int, *, unseen: bool) -> Recording:
