@@ -3,12 +3,12 @@
 import json
 import re
 from fnmatch import fnmatch
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import make
 from form_drake import LAWS, read_material, write_recording
 from form_drake.bench.truth import MATERIALS
 from form_drake.effects import CATALOGUE, load
@@ -25,25 +25,16 @@ def name(path):
     return path.name
 
 
-@pytest.fixture(scope="module")
-def make():
-    """The command ``docs/make.py`` as a module."""
-    spec = spec_from_file_location("docs_make", ROOT / "docs" / "make.py")
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def python_blocks(page):
     return re.findall(r"^```python\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
 
 
-def test_made_pages_are_up_to_date(make):
+def test_made_pages_are_up_to_date():
     stale = [path.name for path, text in make.pages().items() if path.read_text() != text]
     assert not stale, "run: python docs/make.py"
 
 
-def test_benchmarks_are_rendered_from_results(make):
+def test_benchmarks_are_rendered_from_results():
     page = (ROOT / "docs" / "benchmarks.md").read_text()
     result = {"bench": "positions", "materials": {m: {"seeds": 12345} for m in MATERIALS}}
     once = make.with_benchmarks(page, [result])
@@ -134,7 +125,7 @@ def test_readme_starts_with_two_commands_of_their_own():
     ]
 
 
-def test_a_bench_of_three_grids_leaves_the_table_of_exact_tracks(make, monkeypatch):
+def test_a_bench_of_three_grids_leaves_the_table_of_exact_tracks(monkeypatch):
     monkeypatch.setitem(make.TABLES, "probes", lambda result: "all")
     monkeypatch.setitem(make.TABLES, "probes-dx", lambda result: "grids")
     marks = "".join(
