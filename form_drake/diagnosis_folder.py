@@ -52,10 +52,12 @@ def write_diagnosis(
     found.material.write(folder / "material.yaml")
     told["written"] = _again(found, folder / "material.yaml", effects)
     write_json(folder / "discrepancy.json", told)
-    played = _play(found, folder)
+    played, unplayed = _play(found, folder)
     page = diagnosis_page(
         found, nulls, command=command, scenarios=told["advice"]["scenarios"], played=played
     )
+    if unplayed:
+        page.paragraph(f"Held-out motion is not played: {unplayed}.")
     for one in told["written"]:
         page.paragraph(_sentence(one))
     finish(page)
@@ -107,20 +109,19 @@ def _sentence(one: dict[str, Any]) -> str:
     )
 
 
-def _play(found: Diagnosis, folder: Path) -> str:
-    """Name of a page that plays the first held-out motion; "": none was predicted."""
+def _play(found: Diagnosis, folder: Path) -> tuple[str, str]:
+    """Name of a page that plays the first held-out motion, "": there is none; and why it failed."""
     if found.check is None or found.after is None:
-        return ""
+        return "", ""
     from form_drake.systems.before_after import write_before_after
 
-    write_before_after(
-        found.check.measured[0],
-        found.check.before.recordings[0],
-        found.after.recordings[0],
-        folder / PLAYED,
-        "held-out motion, measured and predicted",
-    )
-    return PLAYED
+    seen, before = found.check.measured[0], found.check.before.recordings[0]
+    title = "held-out motion, measured and predicted"
+    try:
+        write_before_after(seen, before, found.after.recordings[0], folder / PLAYED, title)
+    except (ValueError, RuntimeError) as error:  # too large a page; no port for Meshcat
+        return "", str(error)
+    return PLAYED, ""
 
 
 def _advise(found: Diagnosis, folder: Path) -> list[str]:

@@ -14,6 +14,7 @@ from form_drake.systems.viewer import COLOURS, FOV, POINT_SIZE, cloud
 
 LIMIT = 5_000_000  # bytes of a page
 APART = 1.6  # distance of the bodies' middles as a share of their width
+FLAT = 0.25  # of the largest extent of the points, that their other extents count as at least
 FRAMES = "/frames"
 FARTHEST = 0.99  # quantile of the distances at which the colours end
 NAMES = ("before", "measured", "after")  # from left to right
@@ -57,7 +58,8 @@ class Beside:
         there = there if seen.valid is None else there & seen.valid
         p = np.where(there[:, None, :, None], p, np.nan)
         apart = 1e3 * np.linalg.norm(p - p[:, 1:2], axis=-1)
-        width = float(np.ptp(seen.reference[:, 0]))
+        edges = np.ptp(seen.reference, axis=0)
+        width = max(float(edges[0]), FLAT * float(edges.max()))
         p[..., 0] += APART * width * np.arange(-1.0, 2.0)[:, None]
         noise = 1e3 * np.sqrt(3.0) * (seen.noise or 0.0)
         return cls(np.asarray(seen.time) - seen.time[0], p, apart, float(noise))
@@ -122,6 +124,7 @@ def _animate(meshcat: Meshcat, shown: Beside, top: float) -> None:
     """One object per frame, each seen until the next."""
     low, high = np.nanmin(shown.p_WQ, axis=(0, 1, 2)), np.nanmax(shown.p_WQ, axis=(0, 1, 2))
     middle, size = 0.5 * (low + high), high - low
+    size = np.maximum(size, FLAT * size[0] / (1.0 + 2.0 * APART))
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.97])

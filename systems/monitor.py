@@ -52,10 +52,10 @@ class Monitor(LeafSystem):
         recording = self.get_input_port().Eval(context)
         if recording is None:
             return EventStatus.DidNothing()
-        last = [e[-1] if len(e) else 0.0 for _, e in self._watch.excess(recording).values()]
+        excess, found = self._watch.look(recording)
+        last = [e[-1] if len(e) else 0.0 for _, e in excess.values()]
         state.get_mutable_discrete_state(int(self._excess)).set_value(np.array(last))
-        alarm = self.alarm(context) or self._watch.alarm(recording)
-        if alarm is not None and self.alarm(context) is None:
-            state.get_mutable_abstract_state(int(self._alarm)).set_value(alarm)
-            self._told(alarm)
+        if found is not None and self.alarm(context) is None:
+            state.get_mutable_abstract_state(int(self._alarm)).set_value(found)
+            self._told(found)
         return EventStatus.Succeeded()

@@ -1,5 +1,6 @@
 """What a diagnosis advises to record next, and which motions recordings hold already."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.recorded import motions
 from form_drake.diagnose.verdict import Naming
 from form_drake.effects import CATALOGUE
-from form_drake.records import Stream
+from form_drake.records import Stream, framed
 from helpers.advice import BLOCK, LIMITS, found
 
 
@@ -34,6 +35,21 @@ def test_limits_stand_beside_what_is_likely():
     assert advice.sentences() == (
         "drag of any likely size would not be seen; shown by: shake, stronger or longer.",
     )
+
+
+def test_what_no_row_sees_is_missed_as_a_whole():
+    """And what went again, or is not sought beside what was found, keeps the limit that it had."""
+    last = found(None, {"density": 0.03}, unseen=("adhesion",))
+    first = found("force-gain", LIMITS | {"adhesion": 50.0})
+    cause = Cause(CATALOGUE["force-gain"], 0.05, {}, 0.001)
+    advice = Advice.of(Naming((first, last), None, (cause,), "named"), "named")
+    told = {one["effect"]: one for one in json.loads(json.dumps(advice.to_json()))["limits"]}
+    assert told["adhesion"]["limit"] is None and told["adhesion"]["missed"] == 1.0
+    assert [told[k]["limit"] for k in ("density", "drag")] == [0.03, LIMITS["drag"]]
+    assert "press and lift off" in advice.motions
+    unknown = replace(cause, std=np.inf)  # of a size that recordings do not tell
+    told = Advice.of(Naming((first, last), None, (unknown,), "named"), "named").limits
+    assert "force-gain" not in {one.effect.id for one in told}
 
 
 def test_what_is_not_told_apart_is_shown_by_what_is_not_there_yet():
@@ -119,6 +135,34 @@ PRESSES = [
 @pytest.mark.parametrize(("knots", "told"), PRESSES)
 def test_a_press_is_told_by_its_way_and_force(knots, told):
     assert motions(pressing(*knots)) == {"press", *told}
+
+
+AIR = ((0.0, -0.7), (0.2, 0.0))
+NO_HOLD = {"press", "press between plates that do not hold the body"}
+
+
+@pytest.mark.parametrize(
+    ("knots", "told"),
+    [
+        ((*AIR, (1.2, 0.033)), ()),  # fast in free air alone
+        (((0.0, -0.1), (2.0, -0.07)), None),  # it never touches
+        (
+            ((0.0, 0.0), (1.0, 0.03), (1.5, -0.7), (2.0, 0.0), (3.5, 0.1)),
+            ("presses of two depths", "presses of two depths, each with release"),
+        ),
+    ],
+)
+def test_what_a_tool_does_in_free_air_is_no_press(knots, told):
+    found = motions(pressing(*knots, noise=1e9, contact="frictionless"))
+    less = {"a moment without contact"}  # so much noise would hide any force
+    assert found - less == (set() if told is None else NO_HOLD | {*told})
+
+
+def test_what_a_tool_does_before_and_after_the_frames_is_not_recorded():
+    one = pressing((0.0, 0.01), (0.1, 0.08), (0.5, 0.01), (2.0, 0.08))
+    late = one.time >= 0.5
+    seen = replace(one, time=one.time[late], p_WQ=one.p_WQ[late])
+    assert "fast press" in motions(one) and "fast press" not in motions(framed(seen))
 
 
 def test_what_no_tool_does_is_not_recorded():

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from form_drake.diagnose import Model, Scenes
+from form_drake.diagnose import Cause, Model, Scenes
 from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block, noisy
@@ -15,6 +16,7 @@ from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
 from form_drake.effects.effect import LIGHT, SOFT
 from form_drake.laws import LAWS
+from form_drake.motion import body
 
 BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
 MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
@@ -236,6 +238,21 @@ def test_what_holds_a_face_is_worth_what_changes_without_it():
     assert stuck.worth() > 100.0 and stuck.told.causes[0].told is None
     assert stuck.told.material(1000.0).effects[0].std is None
     assert rubbed.worth() == pytest.approx((0.1 / rubbed.told.causes[0].least) ** 2, rel=0.5)
+
+
+def test_a_cause_of_no_size_has_columns_at_other_shapes():
+    """As one that a material's file states with a coefficient of zero."""
+    effect = CATALOGUE["floor-slip"]
+    idle = replace(MODEL, causes=(Cause(effect, 0.0, {"slippery": 0.5}),))
+    columns = Columns(
+        SimpleNamespace(probes=(SimpleNamespace(body=body(BLOCK.press("bonded"))),)),
+        None,
+        idle,
+        None,
+        {},
+    )
+    size, model = columns._more(effect, {"slippery": 1.0})
+    assert size == model.causes[-1].coefficient != 0.0
 
 
 def test_a_twin_on_another_grid_has_the_same_gap():

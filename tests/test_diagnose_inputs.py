@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from form_drake.__main__ import main
-from form_drake.diagnose import Model, prepare, verify
+from form_drake.diagnose import Model, admitted, prepare
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block
@@ -109,13 +109,18 @@ BAD = {  # what recordings lack, and what is said
         lambda r: {"body_force": np.zeros(r.p_WQ.shape)},
         "states body_force",
     ),
-    "lost points": (
-        lambda r: {
-            "p_reference": None,
-            "p_WQ": np.concatenate([r.p_WQ[:1] * [[[np.nan]]], r.p_WQ[1:]]),
-            "valid": np.arange(r.frames)[:, None] + 0 * r.p_WQ[0, :, 0] > 0,
-        },
-        "120 points have no stress-free position",
+    "no positions free of stress": (
+        lambda r: {"p_reference": None},
+        "p_reference [m] is not stated: the first frame is as noisy as the others",
+    ),
+    "no gravity": (lambda r: {"gravity": None}, "where there is none, state 0 0 0"),
+    "no names of tools": (
+        lambda r: {"contact": {"z-": "bonded", "z+": "bonded", "other": "free"}, "poses": {}},
+        'force of plate: no face names it in contact; name the face that it presses, such as {"z+":',
+    ),
+    "few samples of the force": (
+        lambda r: {"forces": {"plate": Stream(np.linspace(0.0, r.time[-1], 11), np.zeros((11, 3)))}},
+        "11 samples of the force of plate lie among the frames, from 12 on their noise can be told",
     ),
 }
 
@@ -145,7 +150,7 @@ def test_points_of_faces_alone_are_not_read(tmp_path, monkeypatch, capsys):
     assert "seen.h5: all points are stated to lie on faces" in capsys.readouterr().err
     with pytest.raises(ValueError, match="needs points throughout the body"):
         prepare.probe(seen, "probe", DX)
-    verify.require_stated(seen, DX, held_back=True)  # compared, not read
+    admitted.require_stated(seen, DX, held_back=True)  # compared, not read
 
 
 @pytest.mark.parametrize("faces", [2, 6])
@@ -169,8 +174,10 @@ def test_points_that_lie_on_faces_are_known_as_such_unstated(tmp_path, monkeypat
 
 def test_a_recording_that_is_too_short_is_told_of_by_its_name(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    forces = {"plate": replace(PROBE.forces["plate"], noise=0.1)}
     for frames, told in ((7, "short.h5: 7 frames: 8 or more"), (8, "it is read")):
-        short = replace(PROBE, time=PROBE.time[:frames], p_WQ=PROBE.p_WQ[:frames], noise=2e-5)
+        time, p_WQ = PROBE.time[:frames], PROBE.p_WQ[:frames]
+        short = replace(PROBE, time=time, p_WQ=p_WQ, noise=2e-5, forces=forces)
         write_recording(short, tmp_path / "short.h5")
         assert main(["diagnose", str(tmp_path / "short.h5"), "--out", str(tmp_path / "o")]) == 2
         assert told in capsys.readouterr().err
@@ -213,3 +220,32 @@ def test_recordings_of_other_laws_are_no_probes_of_one_specimen(tmp_path, monkey
         write_recording(replace(PROBE, law=law, p_WQ=PROBE.p_WQ + shift), path)
     assert main(["diagnose", *map(str, paths), "--out", str(tmp_path / "o")]) == 2
     assert "the recordings declare fixed-corotated and yeoh" in capsys.readouterr().err
+
+
+def test_a_grid_as_coarse_as_the_body_is_a_mistake(tmp_path, monkeypatch, capsys):
+    """As millimetres are, given for metres."""
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    write_recording(replace(PROBE, noise=2e-5), tmp_path / "press.h5")
+    words = ["diagnose", str(tmp_path / "press.h5"), "--out", str(tmp_path / "o"), "--dx"]
+    for dx, told in (("2.5", "dx 2.5 m: up to 0.005 m is wanted, a quarter"), ("0.005", "is read")):
+        assert main([*words, dx]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_any_of_the_recordings_names_the_law(tmp_path, monkeypatch, capsys):
+    def diagnosed(recordings, law, **how):
+        raise ValueError(f"it is {law.name}")
+
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", diagnosed)
+    paths = [str(tmp_path / name) for name in ("one.h5", "other.h5")]
+    for law, told in ((PROBE.law, f"it is {PROBE.law}"), (None, "no law is declared: name one")):
+        for path, own, shift in zip(paths, (None, law), (0.0, 1e-6), strict=True):
+            write_recording(replace(PROBE, law=own, p_WQ=PROBE.p_WQ + shift, noise=2e-5), path)
+        assert main(["diagnose", *paths, "--out", str(tmp_path / "o")]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_recordings_to_be_read_state_as_much_in_python():
+    seen = replace(PROBE, noise=2e-5, p_reference=None)
+    with pytest.raises(ValueError, match="p_reference"):
+        diagnosis([seen], LAW, effects=[], thresholds={}, dx=DX)

@@ -20,13 +20,13 @@ from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.doubts import doubts, needless
 from form_drake.diagnose.figures import overlay, places
 from form_drake.diagnose.ledger import BOOKS, CELLS, _apart, ledgers
-from form_drake.diagnose.page import diagnosis_page
+from form_drake.diagnose.page import _ledger_rows, diagnosis_page
 from form_drake.diagnose.placebo import Removed
 from form_drake.diagnose.prepare import probe as read_probe
 from form_drake.diagnose.rollout import _astray
 from form_drake.diagnose.thresholds import FACTOR
 from form_drake.diagnose.verdict import Naming
-from form_drake.diagnosis_folder import _advise
+from form_drake.diagnosis_folder import _advise, write_diagnosis
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
@@ -158,6 +158,15 @@ def test_rows_that_carry_the_force_are_the_tools():
     (ledger,) = ledgers(left(5.0 * (ledger.book == "tool")))
     assert ledger.mean("tool") > 5.0 and ledger.mean("interior") < 3.0
     assert replace(ledger, book=np.full(ROWS, "interior")).mean("tool") is None
+
+
+def test_every_ledger_has_an_onset_of_its_own():
+    base = ledgers(left())[0]
+    late = (base.book == "tool") & (base.window >= 4)
+    after, before = (ledgers(left(size * late))[0] for size in (0.0, 8.0))
+    rows = {row[0].partition(", ")[2]: row for row in _ledger_rows(before, after)}
+    assert rows["force on tools"][-2:] == [f"{base.time[4]:.2f}", "never"]
+    assert rows["interior"][-2:] == ["never", "never"]
 
 
 def test_whitened_rows_keep_their_places():
@@ -382,6 +391,41 @@ def test_errors_of_held_out_tracks_are_drawn_where_they_are_measured():
         *_, axes = overlay(one, before, after).axes
         for line, size in zip(axes.lines, (0.5, 0.1), strict=True):
             assert line.get_ydata() == pytest.approx([np.nan] + [size] * (FRAMES - 1), nan_ok=True)
+
+
+def test_a_force_is_drawn_along_the_axis_on_which_it_changes():
+    runs, size = shaken(), {"time": block(40).time}
+    felt = np.sin(size["time"])[:, None] * [3.0, 0.0, 0.1] + [0.0, 0.0, 20.0]
+    runs = [replace(one, forces={"plate": Stream(size["time"], felt)}) for one in runs]
+    axes, _ = overlay(*runs).axes
+    assert axes.get_ylabel() == "force on plate along x [N]"
+    assert axes.lines[0].get_ydata() == pytest.approx(felt[:, 0])
+
+
+def test_bodies_that_are_seen_on_one_face_alone_stand_beside_each_other():
+    runs = shaken()
+    X = runs[0].reference * [0.0, 1.0, 1.0]
+    flat = [replace(r, p_WQ=X + r.p_WQ - r.reference, p_reference=X) for r in runs]
+    shown = Beside.of(*flat)
+    apart = np.diff(np.nanmean(shown.p_WQ[:, :, :, 0], axis=(0, 2)))
+    assert np.all(apart > 0.25 * np.ptp(X, axis=0).max())
+
+
+def test_a_page_that_cannot_play_costs_no_answer(diagnosis, tmp_path, monkeypatch):
+    def fails(*arguments):
+        raise RuntimeError("no port is free")
+
+    monkeypatch.setattr("form_drake.systems.before_after.write_before_after", fails)
+    monkeypatch.setattr("form_drake.diagnosis_folder._again", lambda *a: [])
+    runs = SimpleNamespace(recordings=(None,))
+    check = SimpleNamespace(measured=(None,), before=runs, channels=lambda after: [], unread="")
+    check.stands, check.scenes = (lambda after: True), SimpleNamespace(dx=(1e-3,))
+    told = replace(diagnosis, check=check, after=runs)
+    found = write_diagnosis(told, Nulls.common(), tmp_path)
+    assert found["verdict"] == json.loads((tmp_path / "discrepancy.json").read_text())["verdict"]
+    assert (
+        "Held-out motion is not played: no port is free." in (tmp_path / "report.html").read_text()
+    )
 
 
 def test_three_bodies_stand_beside_each_other():

@@ -277,3 +277,4 @@ def test_held_out_motion_that_cannot_be_read_says_why(monkeypatch, part, whose):
     assert check.unread == f"{whose}, too few points" and check.bears_out(check.before)
     after = SimpleNamespace(gap=np.full(50, 3.0), chance_apart=50.0)
     assert not check.bears_out(Predicted((), (), after))  # noise does not explain it
+    assert check.predicted(fitted).match is None  # cannot be read either: that is no effect's fault

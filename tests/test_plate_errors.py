@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from form_drake.diagnose import Model, Scenes
+from form_drake.diagnose.admitted import require_stated
 from form_drake.diagnose.columns import twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import Block
 from form_drake.diagnose.plates import Elsewhere, elsewhere, simulated
 from form_drake.diagnose.score import scores
 from form_drake.diagnose.sight import Sight
-from form_drake.diagnose.verify import Check, Predicted, require_stated
+from form_drake.diagnose.verify import Check, Predicted
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.motion import body

@@ -20,10 +20,14 @@ from form_drake.weak.unknowns import Unknowns
 def test_shapes_that_are_sizes_stay_positive_in_differences():
     cause = Cause(CATALOGUE["hardening"], 0.5, {"growth": 0.02, "strain": 0.02})
     keys = list(cause.effect.shapes)
-    assert dict(zip(keys, cause.steps, strict=True))["growth"] == pytest.approx(0.01)
-    assert 0.0 < dict(zip(keys, cause.steps, strict=True))["strain"] < 0.02
-    (turned,) = Cause(CATALOGUE["gravity-tilt"], 0.1, {"azimuth": 0.0}).steps
-    assert turned == pytest.approx(0.2 * np.radians(45.0))  # an angle may pass zero
+    ends = dict(zip(keys, cause.ends.tolist(), strict=True))
+    assert ends["growth"] == pytest.approx([0.01, 0.03])
+    assert 0.0 < ends["strain"][0] < 0.02 < ends["strain"][1]
+    (turned,) = Cause(CATALOGUE["gravity-tilt"], 0.1, {"azimuth": 0.0}).ends
+    assert turned == pytest.approx([-np.radians(9.0), np.radians(9.0)])  # an angle may pass zero
+    stuck = Cause(CATALOGUE["floor-slip"], 1e-8, {"slippery": 0.0})  # no less than that
+    ((low, high),) = stuck.ends
+    assert low == 0.0 < high and stuck.beside == [{"slippery": s} for s in (0.0, low, high)]
 
 
 def test_a_size_is_no_surer_than_its_simulation():
@@ -452,6 +456,18 @@ def test_what_scores_as_much_below_its_threshold_is_a_rival_too():
     assert (judged.alike, judged.rivals) == (("relaxation",), ("damping",))
     strong = replace(found, match=SimpleNamespace(excess_left=400.0))  # simulated, it takes 317
     assert verdict._judged(strong, best, []).rivals == ()
+
+
+def test_what_is_just_like_one_that_ran_and_lost_is_no_rival():
+    """Of what no simulation would tell apart one runs for all."""
+    best, lost = runner("drag", 20.0, 20.0), score("damping", 98.0)
+    best.score = score("drag", 100.0)
+    like = replace(score("rate-dependence", 97.0), column=lost.column)
+    match, every = SimpleNamespace(excess_left=100.0), (best.score, lost, like)
+    found = verdict.Found(match, every, every)
+    assert verdict._judged(found, best, []).rivals == ()
+    level = SimpleNamespace(score=lost)  # did as well
+    assert verdict._judged(found, best, [level]).rivals == ("damping", "rate-dependence")
 
 
 @pytest.mark.parametrize(("missing", "told"), [(0, "none"), (2, "named"), (3, "unnamed")])

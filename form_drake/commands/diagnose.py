@@ -1,7 +1,7 @@
 """``form-drake diagnose``: what a simulation of recordings is missing."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,7 +67,7 @@ class Diagnose:
             )
         effects = catalogue(self.effects)
         recordings, holdout, start = self.opened(effects)
-        law = start.law if start else law_named(self._law(recordings[0]))
+        law = start.law if start else law_named(self._law(recordings))
         nulls = Nulls.common()
         if self.nulls is not None:
             nulls = Nulls.read(self.nulls)
@@ -157,10 +157,12 @@ class Diagnose:
         with about(path):
             return recording.measured_by(self.force)
 
-    def _law(self, recording: Recording) -> str:
-        law = self.law or recording.law
+    def _law(self, recordings: Sequence[Recording]) -> str:
+        declared = (self.law, *(recording.law for recording in recordings))
+        law = next((name for name in declared if name is not None), None)
         if law is None:
             raise ValueError(
-                f"{self.recording[0]} declares no law: name one with --law, or give --material"
+                f"{', '.join(map(str, self.recording))}: no law is declared: name one with --law, or give"
+                " --material"
             )
         return law

@@ -5,10 +5,18 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from form_drake.diagnose.verify import require_stated
+from form_drake.diagnose.model import Scenes
+from form_drake.diagnose.plates import require_placed
+from form_drake.diagnose.prepare import require_throughout
+from form_drake.diagnose.verify import tracking_noise
 from form_drake.identify.stated import same_motion
 from form_drake.motion import body
+from form_drake.motion.tracks import require_frames
 from form_drake.records import Recording
+from form_drake.weak.force import FEW, measured
+
+EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
+COARSEST = 0.25  # of a body's least edge, that the grid spacing is at most
 
 Named = Sequence[tuple[str, Recording]]
 
@@ -46,7 +54,7 @@ def require_one_specimen(recordings: Named) -> None:
 
 
 def require_all_stated(recordings: Named, read: int, dx: float | None = None) -> None:
-    """Refuse recordings that could not be simulated or compared, the first ``read`` being read.
+    """Refuse recordings that could not be simulated, or compared with it, the first ``read`` being read.
 
     Raises:
         ValueError: see ``require_stated``.
@@ -54,3 +62,61 @@ def require_all_stated(recordings: Named, read: int, dx: float | None = None) ->
     for n, (name, recording) in enumerate(recordings):
         with about(name):
             require_stated(recording, dx, held_back=n >= read)
+
+
+def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -> None:
+    """Refuse a recording that could not be simulated, or compared with its simulation.
+
+    Args:
+        recording: with the forces of one source.
+        dx: grid spacing [m]; None: chosen, see ``Scenes``.
+        held_back: whether it is compared sample by sample, which takes the noise of its tracks; the
+            others are read, and held against simulations that are never exact.
+
+    Raises:
+        ValueError: a face, poses, gravity, stress-free positions, a common clock or the noise are not
+            stated, the grid is too coarse, or points to be read lie on faces alone, or for too few frames.
+    """
+    if not held_back:
+        require_frames(recording)
+        require_throughout(recording)
+    _require_scene(recording, dx)
+    scenes = Scenes.of((recording,), dx)
+    for tool, felt in measured(scenes.recordings[0], 0.0, float(np.ptp(recording.time))).items():
+        if not recording.forces[tool].noise and len(felt.time) < FEW:
+            raise ValueError(
+                f"{len(felt.time)} samples of the force of {tool} lie among the frames, from {FEW} on their"
+                " noise can be told: state noise [N] (Stream.noise)"
+            )
+    noise = tracking_noise(recording)
+    if held_back and not np.isfinite(noise):
+        raise ValueError("how noisy its tracks are cannot be told: state noise [m]")
+    if not held_back and not recording.noise and noise < EXACT * scenes.dx[0]:
+        raise ValueError(
+            f"its tracks seem exact, to {noise:.1g} m, and no simulation is: state the noise that they stand"
+            " for (noise [m])"
+        )
+
+
+def _require_scene(recording: Recording, dx: float | None) -> None:
+    shape = body(recording)
+    most = COARSEST * float(np.min(shape.high - shape.low))
+    if dx is not None and dx > most:
+        raise ValueError(
+            f"dx {dx:g} m: up to {most:.3g} m is wanted, a quarter of the body's least edge"
+        )
+    _ = Scenes.of((recording,), dx).spacings  # refuses faces and poses that no stage can hold
+    require_placed(recording)
+    if recording.gravity is None:
+        raise ValueError("gravity [m/s^2] is not stated: where there is none, state 0 0 0")
+    if recording.p_reference is None:
+        raise ValueError(
+            "p_reference [m] is not stated: the first frame is as noisy as the others, and the body may sag"
+            " in it; state where the points are in the body free of stress"
+        )
+    lost = sorted(set(recording.forces) - {face.tool for face in shape.faces})
+    if lost:
+        raise ValueError(
+            f"force of {', '.join(lost)}: no face names it in contact; name the face that it presses,"
+            ' such as {"z+": "frictionless ' + lost[0] + '"}'
+        )

@@ -20,7 +20,7 @@ class Limit:
 
     Attributes:
         effect: of the catalogue.
-        size: five standard deviations, in the effect's unit.
+        size: five standard deviations, in the effect's unit; infinite: no row sees it.
     """
 
     effect: Effect
@@ -79,10 +79,17 @@ class Advice:
 
     @classmethod
     def of(cls, naming: Naming, verdict: str) -> "Advice":
-        """From all passes; limits are those of the last one, in which what was found is known."""
-        added = [Limit(c.effect, DETECTED * c.least) for c in naming.added if c.told is not None]
-        left = [Limit(s.effect, s.limit) for s in naming.passes[-1].ranked]
-        limits = sorted([*added, *left], key=lambda one: (one.missed, one.effect.id))
+        """From all passes; limits are those of the last one that has them, in which what was found is known."""
+        found: dict[str, Limit] = {}
+        for one in naming.passes:
+            seen = [Limit(s.effect, s.limit) for s in one.ranked]
+            blind = [Limit(effect, np.inf) for effect in one.unseen]
+            found |= {limit.effect.id: limit for limit in (*seen, *blind)}
+        for c in naming.added:
+            found.pop(c.effect.id, None)
+            if c.told is not None:
+                found[c.effect.id] = Limit(c.effect, DETECTED * c.least)
+        limits = sorted(found.values(), key=lambda one: (one.missed, one.effect.id))
         recorded = _recorded(naming)
         pairs = (pair for found in naming.passes for pair in _pairs(found, recorded))
         return cls(tuple(limits), tuple(pairs), verdict, recorded)
@@ -116,7 +123,7 @@ class Advice:
             "limits": [
                 {
                     "effect": one.effect.id,
-                    "limit": one.size,
+                    "limit": one.size if np.isfinite(one.size) else None,
                     "unit": one.effect.unit,
                     "prior": list(one.effect.prior),
                     "missed": one.missed,

@@ -118,7 +118,8 @@ class Columns:
         What has no column need not add up: if it acts, it takes another shape as a whole.
         """
         for cause in self.model.causes if effect.columnless else ():
-            if cause.effect is effect and dict(cause.shape) != dict(shape):
+            same = cause.effect is effect and cause.coefficient != 0.0
+            if same and dict(cause.shape) != dict(shape):
                 others = self.model.without(cause)
                 return cause.coefficient, others.more(effect, cause.coefficient, shape)
         size = self.model.trial(effect, self.problem.probes[0].body)

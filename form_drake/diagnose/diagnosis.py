@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from form_drake.diagnose.admitted import require_stated
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.doubts import SILENT, UNSEEN, doubts, needless
@@ -14,7 +15,7 @@ from form_drake.diagnose.placebo import Placebo, Removed, placebos, removals
 from form_drake.diagnose.prepare import given, read
 from form_drake.diagnose.rollout import Astray, astray
 from form_drake.diagnose.verdict import Naming, Verdict, named
-from form_drake.diagnose.verify import Check, Predicted, require_stated
+from form_drake.diagnose.verify import Check, Predicted
 from form_drake.effects import Effect
 from form_drake.identify.stated import of_one_material
 from form_drake.laws import Law
@@ -223,8 +224,8 @@ def diagnosed(
             back among them; that hold one motion twice, or declare other values than another or ``start``.
     """
     of_one_material((*recordings, *holdout), law.name)
-    for recording in holdout:
-        require_stated(recording, dx, held_back=True)
+    for n, recording in enumerate((*recordings, *holdout)):
+        require_stated(recording, dx, held_back=n >= len(recordings))
     known = given(recordings, law, start)
     scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx, device)
     progress("reading the tracks")

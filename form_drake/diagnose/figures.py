@@ -208,19 +208,15 @@ def gaps(channels: Sequence[Channel]) -> Any:
 
 
 def overlay(seen: Recording, before: Recording, after: Recording) -> Any:
-    """Measured and predicted force and mean motion of a held-out recording."""
+    """Measured and predicted forces, along the axis on which they change most, and mean motion."""
     tools = list(seen.forces)
     figure = _figure(9, 2.6 * (len(tools) + 1))
-    rows = [
-        (
-            f"force on {t} [N]",
-            [
-                (r.forces[t].time, np.asarray(r.forces[t].value)[:, 2])
-                for r in (seen, before, after)
-            ],
-        )
-        for t in tools
-    ]
+    rows = []
+    for t in tools:
+        axis = int(np.argmax(np.ptp(seen.forces[t].value, axis=0)))
+        every = (r.forces[t] for r in (seen, before, after))
+        curves = [(one.time, np.asarray(one.value)[:, axis]) for one in every]
+        rows.append((f"force on {t} along {'xyz'[axis]} [N]", curves))
     use = there(seen)
     count = np.where(use.any(axis=1), use.sum(axis=1), np.nan)
     squares = [

@@ -65,18 +65,22 @@ class Cause(Known):
         return np.array([self.effect.width(self.shape, k) for k in self.effect.shapes])
 
     @property
-    def steps(self) -> np.ndarray:
-        """By how much shape parameters go either way in differences; sizes stay positive."""
-        keys = self.effect.shapes
-        sizes = [abs(self.shape[k]) if self.effect.positive(k) else np.inf for k in keys]
-        return np.minimum(STEP * self.widths, 0.5 * np.array(sizes))
+    def ends(self) -> np.ndarray:
+        """Shape parameters between which differences are taken, within their bounds, shape [parameters, 2]."""
+        keys, now = self.effect.shapes, np.array([self.shape[k] for k in self.effect.shapes])
+        sizes = np.where([self.effect.positive(k) for k in keys], np.abs(now), np.inf)
+        step = np.minimum(STEP * self.widths, 0.5 * sizes)
+        return np.stack([np.maximum(now - step, self._floors), now + step], axis=1)
+
+    @property
+    def _floors(self) -> np.ndarray:
+        return np.array([self.effect.floors.get(k, -np.inf) for k in self.effect.shapes])
 
     @property
     def beside(self) -> list[Shape]:
         """Its shape, and those a step less and more of each of the shape parameters."""
-        pairs = zip(self.effect.shapes, self.steps, strict=True)
-        ways = [(key, s * float(step)) for key, step in pairs for s in (-1.0, 1.0)]
-        return [self.shape, *({**self.shape, k: self.shape[k] + d} for k, d in ways)]
+        pairs = zip(self.effect.shapes, self.ends.tolist(), strict=True)
+        return [self.shape, *({**self.shape, key: end} for key, ends in pairs for end in ends)]
 
     def within(self, change: np.ndarray) -> np.ndarray:
         """A change of the unknowns, cut so that none leaves its bounds or goes far at once."""
@@ -84,8 +88,7 @@ class Cause(Known):
         wanted = self.coefficient + float(change[0])
         size = effect.bounded(wanted, self.coefficient)
         least = np.where([effect.positive(k) for k in effect.shapes], -0.5 * np.abs(now), -np.inf)
-        floors = np.array([effect.floors.get(k, -np.inf) for k in effect.shapes])
-        least = np.maximum(least, floors - now)
+        least = np.maximum(least, self._floors - now)
         turn = np.clip(change[1:], np.maximum(-self.widths, least), self.widths)
         # what is not cut is not rounded
         own = change[0] if size == wanted else size - self.coefficient

@@ -111,7 +111,8 @@ def _ledger_rows(before: Ledger, after: Ledger) -> list[list[str]]:
         means = [one.mean(book) for one in (before, after)]
         if None in means:
             continue
-        starts = ["never" if one.onset is None else f"{one.onset:.2f}" for one in (before, after)]
+        onsets = [one.of(book).onset for one in (before, after)]
+        starts = ["never" if onset is None else f"{onset:.2f}" for onset in onsets]
         count = str(int(np.sum(before.book == book)))
         rows.append([f"{before.name}, {name}", count, *(f"{m:.3g}" for m in means), *starts])
     return rows

@@ -133,6 +133,6 @@ def _others(naming: Naming) -> list[Score]:
 
 def _fitted(found: Found, score: Score, check: Check) -> Placebo:
     match = found.match.on(SEARCH)
-    size = score.effect.bounded(score.coefficient)
+    size = score.effect.bounded(score.coefficient) or score.effect.prior[0]
     wrong = matched(match.near(match.model.more(score.effect, size, score.shape)), rough=True)
     return Placebo(wrong.told.causes[-1], tuple(check.channels(check.predicted(wrong))))

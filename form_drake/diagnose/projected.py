@@ -117,7 +117,7 @@ class Projected(ABC):
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
         columns = self.changes(cause.effect, cause.beside)
-        turns = (columns[:, 2::2] - columns[:, 1::2]) / (2.0 * cause.steps)
+        turns = (columns[:, 2::2] - columns[:, 1::2]) / np.ptp(cause.ends, axis=1)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
 
     @cached_property

@@ -4,12 +4,13 @@ Names are those that effects have in ``shown``.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from form_drake.motion import Face, body
+from form_drake.motion import Body, Face, body
+from form_drake.motion.poses import Poses
 from form_drake.records import Recording, Stream
 
 TURN = 0.1  # of the whole way, less than which back and forth is no turn
@@ -22,7 +23,7 @@ DEPTHS, SPEEDS = 1.5, 10.0  # times, by which depths and speeds differ at least
 NONE = 3.0  # times its noise, below which a force is none
 NOISE = 0.01  # of the largest force, where no noise is stated
 ASIDE = 0.03  # of the body's height, by which a push from the side goes at least
-SHAKEN = 1e-3  # of the body's height, rms, that a shake goes at least
+MOVED = 1e-3  # of the body's height, that a press goes at least, and a shake, rms
 ACROSS = 0.2  # of the way along one direction, which a shake along two has along the other
 
 
@@ -60,38 +61,60 @@ def motions(recording: Recording) -> frozenset[str]:
     for face in held:
         if (pose := recording.poses.get(face.tool)) is None:
             continue
-        height = float(shape.high[face.axis] - shape.low[face.axis])
+        pose = _among(pose, recording.time[[0, -1]])
         force = recording.forces.get(face.tool)
         if force is None or len(held) == 1:  # nothing that it could press against
-            found.update(_shake(pose, height))
+            found.update(_shake(pose, _height(face, shape)))
         else:
-            found.update(_press(face, pose, force, height))
+            found.update(_press(face, pose, force, shape))
     return frozenset(found)
+
+
+def _among(pose: Stream, ends: np.ndarray) -> Stream:
+    """Poses from the first frame to the last [s]."""
+    inside = pose.time[(pose.time > ends[0]) & (pose.time < ends[1])]
+    time = np.concatenate([ends[:1], inside, ends[1:]])
+    return replace(pose, time=time, value=Poses(pose).at(time))
+
+
+def _height(face: Face, shape: Body) -> float:
+    return float(shape.high[face.axis] - shape.low[face.axis])
 
 
 def _shake(pose: Stream, height: float) -> Iterator[str]:
     way = pose.value[:, :3, 3] - pose.value[:, :3, 3].mean(axis=0)
     along = np.linalg.svd(way, compute_uv=False) / np.sqrt(len(way))
-    if along[0] > SHAKEN * height:
+    if along[0] > MOVED * height:
         yield "shake"
         if along[1] > ACROSS * along[0]:
             yield "shakes along two directions"
 
 
-def _press(face: Face, pose: Stream, force: Stream, height: float) -> Iterator[str]:
+def _press(face: Face, pose: Stream, force: Stream, shape: Body) -> Iterator[str]:
+    height, depth = _height(face, shape), _depth(face, pose, shape)
     across = pose.value[:, :3, 3] @ (np.eye(3) - np.outer(face.normal, face.normal))
-    if np.linalg.norm(across - across[0], axis=1).max() > ASIDE * height:
+    aside = across[depth >= 0.0]
+    if np.linalg.norm(aside - aside[:1], axis=1).max(initial=0.0) > ASIDE * height:
         yield "a push from the side"
-    way = -(pose.value[:, :3, 3] @ face.normal)
-    depth = (way - way.min()) / height
-    yield "press"
-    if face.condition == "frictionless":
-        yield "press between plates that do not hold the body"
-    if (most := float(np.ptp(depth))) > 0.0:
+    if depth.max() > MOVED:
+        yield "press"
+        if face.condition == "frictionless":
+            yield "press between plates that do not hold the body"
+    depth = np.maximum(depth, 0.0)
+    if (most := float(np.ptp(depth))) > MOVED:
         legs = list(_legs(pose.time, depth))
         yield from _depths(legs, most)
         yield from _speeds(legs, most)
     yield from _contactless(force)
+
+
+def _depth(face: Face, pose: Stream, shape: Body) -> np.ndarray:
+    """How far the body is pressed at least, as a share of its height: below zero a tool is off."""
+    way = -(pose.value[:, :3, 3] @ face.normal)
+    free = way.min()  # of what is bonded
+    if face.condition == "frictionless":
+        free = -float((shape.low, shape.high)[face.side] @ face.normal)
+    return np.asarray((way - free) / _height(face, shape))
 
 
 def _legs(time: np.ndarray, depth: np.ndarray) -> Iterator[Leg]:

@@ -65,16 +65,20 @@ def named_from(effect: Effect, wanted: float) -> float:
     return float(np.sqrt(wanted + 2.0 * np.log(count)))
 
 
+def possible(match: Projected, effects: Iterable[Effect]) -> list[Effect]:
+    """Those that fit the law, and that a body has a face for."""
+    law, bodies = match.model.law, match.bodies
+    return [e for e in effects if e.fits(law) and any(e.concerns(b) for b in bodies)]
+
+
 def scores(match: Projected, effects: Iterable[Effect]) -> list[Score]:
     """Every effect at the shape that explains most, best first.
 
     Args:
         match: of data and twin.
-        effects: a catalogue; those that do not fit the law, or that no row sees, are left out.
+        effects: a catalogue; those that are not possible, or that no row sees, are left out.
     """
-    bodies, body = match.bodies, match.bodies[0]
-    fitting = (e for e in effects if e.fits(match.model.law) and any(e.concerns(b) for b in bodies))
-    tried = {e.id: (e, shapes(e, body)) for e in fitting}
+    tried = {e.id: (e, shapes(e, match.bodies[0])) for e in possible(match, effects)}
     match.learn(list(tried.values()))
     found = (scored(match, *one) for one in tried.values())
     return sorted((s for s in found if s.limit < UNSEEN), key=lambda s: -s.score)

@@ -9,8 +9,8 @@ from typing import Literal
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.noise import most
-from form_drake.diagnose.race import MARGIN, Runner, field, raced
-from form_drake.diagnose.score import ALIKE, Score, coherence, scores
+from form_drake.diagnose.race import MARGIN, SAME, Runner, field, raced
+from form_drake.diagnose.score import ALIKE, Score, coherence, possible, scores
 from form_drake.diagnose.search import matched
 from form_drake.effects import Effect
 from form_drake.identify.problem import Problem
@@ -37,6 +37,7 @@ class Found:
             they were not simulated.
         refused: ids of effects above their thresholds whose simulations explain too little.
         doubt: least score, for what the simulation of effects that were added may have wrong.
+        unseen: effects that may act and that no row sees.
     """
 
     match: Match
@@ -47,6 +48,7 @@ class Found:
     rivals: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     doubt: float = 0.0
+    unseen: tuple[Effect, ...] = ()
 
     def wanted(self, effect: Effect, thresholds: Mapping[str, float]) -> float:
         """The score that an effect must exceed."""
@@ -193,8 +195,11 @@ def judged(
 ) -> Found:
     """Scores of what is not known yet, and which of them are above their thresholds."""
     known = {c.effect.id for c in match.model.causes}
-    ranked = scores(match, [e for e in effects if e.id not in known])
-    found = Found(match, tuple(ranked), doubt=doubt)
+    sought = [e for e in effects if e.id not in known]
+    ranked = scores(match, sought)
+    ids = {s.effect.id for s in ranked}
+    unseen = tuple(e for e in possible(match, sought) if e.id not in ids)
+    found = Found(match, tuple(ranked), doubt=doubt, unseen=unseen)
     seen = [s for s in ranked if s.score > found.wanted(s.effect, thresholds)]
     return replace(found, seen=tuple(seen))
 
@@ -276,16 +281,20 @@ def _judged(found: Found, best: Runner[Match], equal: Sequence[Runner[Match]]) -
     """With what is alike and what does as well.
 
     Next to a threshold chance decides which of two effects is above it: what was not simulated and
-    scores nearly as much does as well, too.
+    scores nearly as much does as well, too, unless what it is just like was simulated and lost.
     """
-    own, tried = best.score, {s.effect.id for s in field(found.seen)}
+    own, ran = best.score, field(found.seen)
     least = max(own.score, found.left - best.left) - MARGIN
+    tried = {s.effect.id for s in ran}
     near = [s for s in found.ranked if s.score > least and s.effect.id not in tried]
     ids = {s.effect.id for s in found.ranked}
     others = {s.effect.id: s for s in (*found.seen, *near) if s.effect is not own.effect}
     like = coherence([own, *others.values()])[0, 1:]
     alike = [name for name, c in zip(others, like, strict=True) if c > ALIKE]
     alike += [name for name in own.effect.same if name not in alike and name in ids]
-    rivals = [s.effect.id for s in (*(r.score for r in equal), *near)]
-    rivals = [name for name in rivals if name not in alike]
+    level = [r.score for r in equal]
+    open_ = {s.effect.id for s in (own, *level)}
+    lost = [s for s in ran if s.effect.id not in open_]
+    near = [s for s in near if coherence([s, *lost])[0, 1:].max(initial=0.0) <= SAME]
+    rivals = [s.effect.id for s in (*level, *near) if s.effect.id not in alike]
     return replace(found, best=own, alike=tuple(alike), rivals=tuple(rivals))

@@ -18,6 +18,8 @@ from form_drake.weak.force import FEW, jitter
 WINDOW = 0.1  # [s]
 AMISS = 0.02  # of what is predicted, which moduli may have wrong
 
+Excess = dict[str, tuple[np.ndarray, np.ndarray]]
+
 
 @dataclass(frozen=True)
 class Alarm:
@@ -73,7 +75,7 @@ class Watch:
     def channels(self) -> tuple[str, ...]:
         return ("tracks", *(f"force of {tool}" for tool in self.predicted.forces))
 
-    def excess(self, measured: Recording) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def excess(self, measured: Recording) -> Excess:
         """By channel, ends of windows [s] and mean squares of deviations, as a share of their limits.
 
         Args:
@@ -83,7 +85,7 @@ class Watch:
         Raises:
             ValueError: points or tools are others than the predicted ones.
         """
-        return {name: _windows(time, square) for name, time, square in self._squares(measured)}
+        return self.look(measured)[0]
 
     def alarm(self, measured: Recording) -> Alarm | None:
         """The first channel that exceeds its limit in two windows running; None: none does.
@@ -91,15 +93,23 @@ class Watch:
         Raises:
             ValueError: see ``excess``.
         """
-        found = []
+        return self.look(measured)[1]
+
+    def look(self, measured: Recording) -> tuple[Excess, Alarm | None]:
+        """``excess`` and ``alarm``.
+
+        Raises:
+            ValueError: see ``excess``.
+        """
+        every, found = Excess(), list[Alarm]()
         for name, time, square in self._squares(measured):
-            ends, excess = _windows(time, square)
+            ends, excess = every[name] = _windows(time, square)
             pairs = pairwise(zip(ends, excess, strict=True))
             start = next((a[0] for a, b in pairs if min(a[1], b[1]) > 1.0), None)
             if start is not None:
                 where = self._farthest(square) if name == "tracks" else ()
                 found.append(Alarm(name, float(start - WINDOW), float(excess[-1]), where))
-        return min(found, key=lambda alarm: alarm.time, default=None)
+        return every, min(found, key=lambda alarm: alarm.time, default=None)
 
     def _farthest(self, square: np.ndarray) -> tuple[float, ...]:
         each = np.nanmean(square, axis=(0, 2))
@@ -160,8 +170,9 @@ def _windows(time: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarr
     count = int((time[-1] - time[0]) / WINDOW + 1e-9)
     ends = time[0] + WINDOW * np.arange(1, count + 1)
     excess = np.zeros(count)
-    for n, end in enumerate(ends):
-        own = square[(time > end - WINDOW - 1e-9) & (time <= end + 1e-9)]
+    which = np.ceil((time - time[0]) / WINDOW - 1e-9).astype(int)  # a sample on an end is of one
+    for n in range(count):
+        own = square[np.maximum(which, 1) == n + 1]
         own = own[np.isfinite(own)]
         if len(own):
             excess[n] = np.sum(own) / chdtri(len(own), RARE)

@@ -13,14 +13,15 @@ BLOCK = Block()
 RECORDED = (BLOCK.press("bonded"), BLOCK.shake())
 
 
-def found(best, ranked, alike=(), rivals=(), recordings=RECORDED):
+def found(best, ranked, alike=(), rivals=(), recordings=RECORDED, unseen=()):
     """A pass with scores of effects by their limits."""
     scores = {
         name: Score(CATALOGUE[name], {}, 1.0, 0.2 * limit, 90.0, limit, np.zeros(1))
         for name, limit in ranked.items()
     }
     match = SimpleNamespace(scenes=SimpleNamespace(recordings=recordings))
-    return Found(match, tuple(scores.values()), best=scores.get(best), alike=alike, rivals=rivals)
+    told = {"alike": alike, "rivals": rivals, "unseen": tuple(CATALOGUE[n] for n in unseen)}
+    return Found(match, tuple(scores.values()), best=scores.get(best), **told)
 
 
 LIMITS = {"force-gain": 0.01, "density": 0.02, "drag": 300.0, "damping": 10.0, "eigenstrain": 1e-5}
