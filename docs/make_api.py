@@ -97,8 +97,11 @@ API = {
         "form_drake.mpm.stage.Stage",
         "form_drake.diagnose.ProbeReading",
         "form_drake.effects.load",
+        "form_drake.effects.catalogue",
         "form_drake.diagnose.diagnosed",
         "form_drake.diagnose.Diagnosis",
+        "form_drake.diagnose.Nulls",
+        "form_drake.diagnose.thresholds.thresholds",
         "form_drake.diagnose.Model",
         "form_drake.diagnose.Cause",
         "form_drake.diagnose.Scenes",
@@ -106,22 +109,35 @@ API = {
         "form_drake.diagnose.search.matched",
         "form_drake.diagnose.match.Match",
         "form_drake.diagnose.sight.Sight",
+        "form_drake.diagnose.sight.guessed",
         "form_drake.diagnose.verdict.named",
+        "form_drake.diagnose.verdict.Naming",
+        "form_drake.diagnose.verdict.Found",
+        "form_drake.diagnose.race.raced",
+        "form_drake.diagnose.race.Runner",
         "form_drake.diagnose.motions.Block",
         "form_drake.diagnose.hidden.Hidden",
         "form_drake.diagnose.watch.Watch",
         "form_drake.diagnose.watch.Alarm",
         "form_drake.diagnose.verify.Check",
+        "form_drake.diagnose.verify.Predicted",
         "form_drake.diagnose.verify.Channel",
         "form_drake.diagnose.placebo.Placebo",
+        "form_drake.diagnose.placebo.Removed",
         "form_drake.diagnose.score.scores",
         "form_drake.diagnose.score.coherence",
         "form_drake.diagnose.score.Score",
         "form_drake.diagnose.ledger.ledgers",
         "form_drake.diagnose.ledger.Ledger",
+        "form_drake.diagnose.rollout.Astray",
         "form_drake.diagnose.advice.Advice",
         "form_drake.diagnose.advice.Limit",
         "form_drake.diagnose.advice.Apart",
+        "form_drake.diagnose.figures.ranking",
+        "form_drake.diagnose.figures.places",
+        "form_drake.diagnose.figures.moments",
+        "form_drake.diagnose.figures.gaps",
+        "form_drake.diagnose.figures.overlay",
         "form_drake.systems.before_after.write_before_after",
     ),
     "The station": (
@@ -197,7 +213,8 @@ def described(name: str) -> Iterator[str]:
     """The entry of one class or function."""
     thing, short = resolved(name), name.rpartition(".")[2]
     tree = ast.parse(dedent(inspect.getsource(thing))).body[0]
-    public = f"form_drake.{short}" if hasattr(import_module("form_drake"), short) else name
+    at_top = getattr(import_module("form_drake"), short, None) is thing
+    public = f"form_drake.{short}" if at_top else name
     call = None
     if isinstance(tree, ast.FunctionDef):
         call = signature(tree, short)
@@ -211,7 +228,7 @@ def described(name: str) -> Iterator[str]:
         text = ast.get_docstring(n)
         if not n.name.startswith("_") and text:
             kinds = {d.id for d in n.decorator_list if isinstance(d, ast.Name)}
-            shown = n.name if "property" in kinds else signature(n, n.name)
+            shown = n.name if kinds & {"property", "cached_property"} else signature(n, n.name)
             yield f"#### {short}.{shown}\n\n{prose(text)}\n"
 
 

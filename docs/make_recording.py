@@ -99,7 +99,7 @@ def layout_table() -> str:
         "form_drake_recording": "Version of this layout.",
         "form_drake": "Version of the program that wrote the file.",
     }
-    recording = full_recording()
+    recording, raw = full_recording(), stated(Recording)
     words = {n: d for d, n in SIZES.items()}
     places = {f.metadata["place"]: f.name for f in fields(Recording) if f.metadata}
     states = {f.metadata["place"]: attributes(States)[f.name] for f in fields(States)}
@@ -113,7 +113,8 @@ def layout_table() -> str:
                 field = getattr(recording, name, 1)
                 kind = "text" if isinstance(field, str) else "number"
                 is_json = isinstance(value, str) and value.startswith("{")
-                rows.append((f"attribute `{name}`", "JSON" if is_json else kind, "", says[name]))
+                unit = unit_of(raw.get(name, "")) if kind == "number" else ""
+                rows.append((f"attribute `{name}`", "JSON" if is_json else kind, unit, says[name]))
 
             def visit(place: str, item: Any) -> None:
                 if not isinstance(item, h5py.Dataset):

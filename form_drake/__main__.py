@@ -70,11 +70,26 @@ def _parse(arguments: list[str]) -> Any:
             "",
             text,
         )
+        text = _typed(text)
         text = re.split(r" (?:For full helptext|Arguments similar|Perhaps you meant)", text)[0]
         text = text.replace(" Available subcommands:", "; choose from").strip().rstrip(".")
-        raise ValueError(
-            f"{text[:400]}; see: form-drake {verb} --help".replace("  ", " ")
-        ) from None
+        unknown = re.search("Expected one of|choose from", text)
+        within = arguments[1] if verb == "bench" and not unknown else ""
+        words = ("form-drake", verb, "" if within.startswith("-") else within, "--help")
+        raise ValueError(f"{text[:400]}; see: {' '.join(filter(None, words))}") from None
+
+
+def _typed(text: str) -> str:
+    """What a parser says of a value of another type, in its place where it says no such thing."""
+    found = re.match(
+        r"Value error Error parsing (\S+): .*?'([^']*)'.* Argument helptext: \1 (?:\{None\}\|)?(\S+)",
+        text,
+    )
+    if found is None:
+        return text
+    option, got, kind = found.groups()
+    wanted = {"FLOAT": "a number", "INT": "a whole number"}.get(kind, kind)
+    return f"{option} {got}: {wanted} is wanted"
 
 
 def _run(arguments: list[str]) -> None:

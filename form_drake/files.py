@@ -177,6 +177,15 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
     write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
 
+@contextmanager
+def about(name: object) -> Iterator[None]:
+    """Say of what a mistake is."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
 def existing(path: Path) -> Path:
     """``path``, if it is a file that is not empty.
 
@@ -185,6 +194,8 @@ def existing(path: Path) -> Path:
     """
     if not path.exists():
         raise ValueError(f"{path}: no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder; a file in it is wanted")
     if not path.is_file():
         raise ValueError(f"{path}: not a file")
     if path.stat().st_size == 0:
@@ -203,7 +214,10 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file ({error.reason})") from None
+        hint = f"not a text file ({error.reason})"
+        if path.suffix in (".h5", ".hdf5", ".npz"):
+            hint += ": it seems a recording, where a text (YAML, JSON, Python) is wanted"
+        raise ValueError(f"{path}: {hint}") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from form_drake.files import read_mapping, write_text
+from form_drake.files import about, read_mapping, write_text
 from form_drake.laws import Law, Values, law_named
 from form_drake.laws.values import (
     ENGINEERING,
@@ -187,14 +187,14 @@ def read_material(path: Path) -> Material:
         ValueError: one line that says what is wrong with the file.
     """
     content = read_mapping(Path(path))
-    try:
+    with about(path):
         return _parse(content)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _parse(content: dict[str, Any]) -> Material:
     version = content.get("form_drake_material")
+    if version is None:
+        raise ValueError(f"no material: form_drake_material: {VERSION} is wanted in it")
     if version != VERSION:
         raise ValueError(
             f"form_drake_material is {str(version)[:60]!r}; this release reads version {VERSION}"

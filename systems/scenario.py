@@ -27,12 +27,12 @@ class Effect:
 
     Attributes:
         id: of the effect.
-        coefficient: in the effect's unit.
+        coefficient: in the effect's unit; not a number: none is given.
         shape: values of its shape parameters.
     """
 
     id: str = ""
-    coefficient: float = 0.0
+    coefficient: float = math.nan
     shape: dict[str, float] = field(default_factory=dict)
 
 

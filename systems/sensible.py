@@ -9,6 +9,7 @@ import numpy as np
 
 from form_drake.effects import Effect
 from form_drake.effects.acting import known, placed
+from form_drake.files import about
 from form_drake.laws import Law, law_named
 from form_drake.laws.values import ENGINEERING, has_lame
 from form_drake.motion.body import CONDITIONS, FACES
@@ -64,10 +65,8 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
         if not 0 <= value < math.inf:
             raise ValueError(f"{name}: must not be negative, got {value}")
     _declared(specimen)
-    try:
+    with about("specimen.effects"):
         _acting(specimen, effects)
-    except ValueError as error:
-        raise ValueError(f"specimen.effects: {error}") from None
     # read from a file, parts are changed after they were made
     checked = {
         "panda": scenario.panda,
@@ -76,10 +75,8 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
         "stereo": scenario.stereo,
     }
     for name, part in checked.items():
-        try:
+        with about(name):
             part.__post_init__()
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
     for name, camera in scenario.cameras.items():
         if not (camera.rgb or camera.depth):
             raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")
@@ -87,6 +84,13 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
 
 def _acting(specimen: "Specimen", effects: Mapping[str, Effect]) -> None:
     """Refuse effects that no file can state, and those outside of the body."""
+    for one in specimen.effects:
+        if not one.id or math.isnan(one.coefficient):
+            lacks = "coefficient" if one.id else "id"
+            raise ValueError(
+                f"an entry has no {lacks}: id and coefficient are wanted, such as"
+                f" {{id: {one.id or 'tool-friction'}, coefficient: 0.03}}"
+            )
     acting = known(specimen.effects, law_named(specimen.law), effects)
     middle, half = np.array(specimen.p_WM), 0.5 * np.array(specimen.size)
     placed(acting, middle - half, middle + half)

@@ -475,6 +475,8 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     twice, odd = str(tmp_path / "twice"), str(tmp_path / "odd")
     strange = ({**lines[0]}, {"id": [1], "verdict": "named"})
     Path(odd).write_text("".join(json.dumps(line) + "\n" for line in strange))
+    less = str(tmp_path / "less.json")
+    Path(less).write_text(json.dumps({n: t for n, t in truth.items() if n != name}))
     sizeless, listed = str(tmp_path / "sizeless"), str(tmp_path / "listed.json")
     for words, message in (
         (["--seal", seal], "no --cases"),
@@ -496,7 +498,9 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         ),
         (["--seal", seal, "--score", seal], "are wanted together"),
         (["--seal", seal, "--score", good, "--key", str(tmp_path / "keys.json")], "no key; each"),
-        (["--seal", seal, "--score", good, "--key", key], "not the key"),
+        (["--seal", seal, "--score", good, "--key", key], "another seal than that of the verdict"),
+        (["--seal", seal, "--score", sizeless, "--key", less], "not the key"),
+        (["--seal", seal, "--score", good, "--key", key, "--faces"], "leave them out with --score"),
         (["--seal", seal, "--score", str(tmp_path / "verdicts"), "--key", key], "no verdicts"),
         (["--seal", seal, "--score", twice, "--key", key], f"case {name} has two verdicts"),
         (["--seal", seal, "--score", odd, "--key", key], "no verdicts of a blind bench"),

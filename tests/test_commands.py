@@ -179,6 +179,9 @@ def test_check_reads_the_effects_of_a_material(capsys, here):
     soft = written(here, "soft.yaml", SOFT + "effects: [{id: syrup, coefficient: 2}]\n")
     line = refusal(capsys, "check", soft)
     assert "soft.yaml: effect 'syrup': choose from damping" in line and "--effects FILE" in line
+    staged(here)
+    line = refusal(capsys, "predict", soft, "staged.h5")
+    assert "soft.yaml: effect 'syrup': choose from damping" in line and "--effects FILE" in line
     own = written(here, "own.py", OWN_EFFECT)
     found = json.loads(run(capsys, "check", soft, "--effects", own, "--json")[1])
     assert found["effects"] == [{"id": "syrup", "coefficient": 2.0, "shape": {}, "std": None}]
@@ -446,6 +449,13 @@ def test_no_declared_law_lists_the_laws(capsys, files, here):
         (("demo", "--seed", "-1"), "--seed: a whole number from 0"),
         (("bench", "table2", "--data", "nowhere"), "nowhere: no such folder"),
         (("bench", "speed", "--only", "nothing"), "unknown case 'nothing': choose from mls"),
+        (
+            ("demo", "--seed", "abc"),
+            "--seed abc: a whole number is wanted; see: form-drake demo --",
+        ),
+        (("diagnose", "a.h5", "--dx", "1,5"), "--dx 1,5: a number is wanted; see: form-drake diag"),
+        (("bench", "blind"), "see: form-drake bench blind --help"),
+        (("bench", "blund"), "see: form-drake bench --help"),
     ],
 )
 def test_wrong_commands_are_refused(capsys, here, arguments, message):

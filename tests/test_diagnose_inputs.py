@@ -119,7 +119,9 @@ BAD = {  # what recordings lack, and what is said
         'force of plate: no face names it in contact; name the face that it presses, such as {"z+":',
     ),
     "few samples of the force": (
-        lambda r: {"forces": {"plate": Stream(np.linspace(0.0, r.time[-1], 11), np.zeros((11, 3)))}},
+        lambda r: {
+            "forces": {"plate": Stream(np.linspace(0.0, r.time[-1], 11), np.zeros((11, 3)))}
+        },
         "11 samples of the force of plate lie among the frames, from 12 on their noise can be told",
     ),
 }
@@ -249,3 +251,13 @@ def test_recordings_to_be_read_state_as_much_in_python():
     seen = replace(PROBE, noise=2e-5, p_reference=None)
     with pytest.raises(ValueError, match="p_reference"):
         diagnosis([seen], LAW, effects=[], thresholds={}, dx=DX)
+
+
+def test_a_box_in_millimetres_is_seen_as_such(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    box = {"shape": "box", "low": "-10 -10 0", "high": "10 10 20"}
+    X, path = 1e3 * PROBE.reference, tmp_path / "press.h5"
+    seen = replace(PROBE, geometry=box, p_WQ=1e3 * PROBE.p_WQ, p_reference=X, noise=0.02)
+    write_recording(seen, path)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "o")]) == 2
+    assert "edges of 20, 20, 20 m: lengths are in metres; are these mill" in capsys.readouterr().err

@@ -67,7 +67,7 @@ MATERIALS = {
     "law": (GOOD.replace("fixed-corotated", "rubber"), "unknown law 'rubber'"),
     "no law": (GOOD.replace("law: fixed-corotated", ""), "unknown law"),
     "newer": (GOOD.replace("material: 1", "material: 2"), "is '2'; this release reads version 1"),
-    "no version": ("law: fixed-corotated", "is 'None'; this release reads version 1"),
+    "no version": ("law: fixed-corotated", "no material: form_drake_material: 1 is wanted in it"),
     "list": ("- 1", "a mapping of names to values is wanted, got list"),
     "bare": ("mu", "a mapping of names to values is wanted, got str"),
     "not YAML": ("a: [", "not valid yaml"),

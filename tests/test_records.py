@@ -492,7 +492,7 @@ def test_missing_files_and_folders_are_refused(tmp_path, name):
     reader = read_material if name == "a.yaml" else read
     refused(tmp_path / name, "no such file", reader)
     (tmp_path / name).mkdir()
-    refused(tmp_path / name, "not a file", reader)
+    refused(tmp_path / name, "is a folder", reader)
 
 
 def test_unknown_endings_are_refused(tmp_path):

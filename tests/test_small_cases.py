@@ -6,6 +6,7 @@ effect stands out is told case by case.
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -62,3 +63,12 @@ def test_what_is_hidden_stands_out_and_nothing_where_nothing_is(plate, tmp_path)
         assert name in seen[:FIELD], f"{name}: {seen}"  # so that its simulation decides
     first = [name for name, seen in scored.items() if right(name, {"name": seen[0], "class": []})]
     assert len(first) >= len(scored) - 1, scored  # the other when it is simulated
+
+
+@pytest.mark.parametrize("name", ["bonded-null", "bonded-hardening"])
+def test_forces_of_the_other_sign_are_refused(name, tmp_path):
+    """Also where rows of the interior leave a stiffness that is no more than small."""
+    press, _ = recordings(name, tmp_path)
+    forces = {k: replace(f, value=-f.value) for k, f in press.forces.items()}
+    with pytest.raises(ValueError, match="those of a body with the other sign"):
+        read(Scenes.of((replace(press, forces=forces),)), LAWS["neo-hookean"], {})

@@ -207,6 +207,8 @@ def test_effects_of_ones_own_may_act():
         ),
         ("{id: drag, size: 1.0}", r"no specimen.effects\[0\].size; allowed there are id, coeff"),
         ("{id: drag, coefficient: .nan}", r"coefficient: a finite number is wanted, got 'nan'"),
+        ("{id: drag}", "an entry has no coefficient: .*such as {id: drag, coefficient: 0.03}"),
+        ("{coefficient: 2.0}", "an entry has no id: id and coefficient are wanted"),
         ("{id: drag, coefficient: much}", r"coefficient: a number is wanted, got 'much'"),
     ],
 )

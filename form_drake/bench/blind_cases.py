@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from form_drake.bench.oracles import recorded, run
-from form_drake.diagnose.admitted import about, require_all_stated, require_one_specimen
-from form_drake.files import read_mapping, read_text
+from form_drake.diagnose.admitted import require_all_stated, require_one_specimen
+from form_drake.files import about, read_mapping, read_text
 from form_drake.identify.stated import declared_law
 from form_drake.laws import Law
 from form_drake.records import Recording, read

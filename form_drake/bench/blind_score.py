@@ -121,7 +121,9 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
     )
     if not told:
         raise ValueError(f"{key}: no key; each case has a seed, a kind, a body and effects")
-    if not digest(truth) == sealed(seal) == head["seal"]:
+    if sealed(seal) != head["seal"]:
+        raise ValueError(f"{seal}: another seal than that of the verdicts in {out}, {head['seal']}")
+    if digest(truth) != head["seal"]:
         raise ValueError(f"{key}: not the key that {seal} and {out} were sealed with")
     lost = [one["id"] for one in results if one["id"] not in truth]
     if lost:

@@ -113,6 +113,11 @@ class Blind:
         if (self.score is None) != (self.key is None):
             raise ValueError("--score and --key are wanted together: the verdicts, and the truth")
         if self.score is not None and self.key is not None:
+            if self != Blind(self.seal, score=self.score, key=self.key, json=self.json):
+                raise ValueError(
+                    "--cases, --out, --only, --press-alone and --faces are for running cases: leave them out"
+                    " with --score"
+                )
             told = blind_score.score(self.score, self.key, self.seal)
             emit(blind_table.table(told), told, as_json=self.json)
             return

@@ -10,12 +10,12 @@ import tyro
 
 from form_drake.commands.output import device, emit, say
 from form_drake.diagnose import Model, Nulls, Scenes, diagnosed
-from form_drake.diagnose.admitted import about, require_all_stated, require_one_specimen
+from form_drake.diagnose.admitted import require_all_stated, require_one_specimen
 from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
-from form_drake.files import target_folder, whole_folder
+from form_drake.files import about, target_folder, whole_folder
 from form_drake.identify.stated import of_one_material
 from form_drake.laws import law_named
 from form_drake.material import read_material
@@ -50,7 +50,7 @@ class Diagnose:
     force: str = "sensor"
     """Source of the force: sensor, or joint-torque where the recording has both."""
     out: Path | None = None
-    """Folder to write; default: runs/diagnose."""
+    """Folder to write, in the place of an earlier run's; default: runs/diagnose."""
     device: str = "cpu"
     """Warp device: cpu or cuda:0."""
     json: bool = False
@@ -136,8 +136,9 @@ class Diagnose:
                 f"{self.material}: of another specimen: it has {stated:g} kg/m^3, the recordings state"
                 f" {shape.density:g}"
             )
-        start = Model.of(material, effects)
-        placed(start.causes, shape.low, shape.high)
+        with about(self.material):
+            start = Model.of(material, effects)
+            placed(start.causes, shape.low, shape.high)
         return start
 
     def _again(self, out: Path) -> str:

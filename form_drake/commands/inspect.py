@@ -12,7 +12,7 @@ import tyro
 from form_drake.commands.output import emit, say
 from form_drake.effects import CATALOGUE, Effect, catalogue
 from form_drake.effects.acting import known
-from form_drake.files import existing, read_mapping
+from form_drake.files import about, existing, read_mapping
 from form_drake.identify import most_observed
 from form_drake.laws import ADDITIONS, LAWS
 from form_drake.laws.law import Law, Term
@@ -46,7 +46,10 @@ class List:
             ]
         elif self.what == "effects":
             found = {name: _effect(effect) for name, effect in CATALOGUE.items()}
-            lines = [f"{n:16} {e['unit']:7} {e['sentence']}" for n, e in found.items()]
+            lines = [
+                f"{n:16} {e['unit']:7} {' '.join(e['shapes']):18} {e['sentence']}"
+                for n, e in found.items()
+            ]
         elif self.what == "scenarios":
             found = _scenarios()
             lines = [
@@ -154,22 +157,15 @@ class Check:
 
     def _recording(self) -> dict[str, Any]:
         recording = read(self.file)
-        try:
+        with about(self.file):
             _stated(recording)
-        except ValueError as error:
-            raise ValueError(f"{self.file}: {error}") from None
         return _held(recording)
 
     def _material(self) -> dict[str, Any]:
         material = read_material(self.file)
-        effects = catalogue(self.effects)
-        try:
-            known(material.effects, material.law, effects)
+        with about(self.file):
+            known(material.effects, material.law, catalogue(self.effects))
             found = _material(material, self.file)
-        except ValueError as error:
-            lost = any(one.id not in effects for one in material.effects)
-            more = "; --effects FILE adds your own" if lost else ""
-            raise ValueError(f"{self.file}: {error}{more}") from None
         return found | {"effects": [asdict(one) for one in material.effects]}
 
 
@@ -197,10 +193,8 @@ def _rig(path: Path) -> dict[str, Any]:
     from form_drake.perceive.rig import Rig
 
     rig = Rig.read(path)
-    try:
+    with about(path):
         points = len(rig.points())
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return {
         "cameras": {name: " x ".join(map(str, c.size)) for name, c in rig.cameras.items()},
         "rate": rig.rate,

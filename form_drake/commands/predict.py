@@ -14,7 +14,7 @@ from form_drake.diagnose import Model, Scenes
 from form_drake.diagnose.verify import there
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
-from form_drake.files import target_folder, whole_folder, write_json
+from form_drake.files import about, target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
 from form_drake.motion import body
@@ -142,11 +142,13 @@ class Predict:
     def _staged(
         self, material: Material, recording: Recording
     ) -> tuple[Recording, dict[str, Any], str]:
-        model = Model.of(material, self._catalogue)
+        with about(self.material):
+            model = Model.of(material, self._catalogue)
         sensors = {k: s for k, s in recording.forces.items() if ":" not in k}
         recording = replace(recording, forces=sensors)
         shape = body(recording)
-        placed(model.causes, shape.low, shape.high)
+        with about(self.material):
+            placed(model.causes, shape.low, shape.high)
         scenes = Scenes.of((recording,), self.dx, self.device)
         (recording,), (predicted,) = scenes.recordings, scenes.rolled(model)
         apart = (predicted.p_WQ - recording.p_WQ)[there(recording)]

@@ -1,7 +1,6 @@
 """Which recordings a diagnosis takes; each is told of by its name."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from form_drake.diagnose.model import Scenes
 from form_drake.diagnose.plates import require_placed
 from form_drake.diagnose.prepare import require_throughout
 from form_drake.diagnose.verify import tracking_noise
+from form_drake.files import about
 from form_drake.identify.stated import same_motion
 from form_drake.motion import body
 from form_drake.motion.tracks import require_frames
@@ -16,18 +16,10 @@ from form_drake.records import Recording
 from form_drake.weak.force import FEW, measured
 
 EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
+LARGEST = 2.0  # edge of a specimen [m]
 COARSEST = 0.25  # of a body's least edge, that the grid spacing is at most
 
 Named = Sequence[tuple[str, Recording]]
-
-
-@contextmanager
-def about(name: object) -> Iterator[None]:
-    """Say of what a mistake is."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 def require_one_specimen(recordings: Named) -> None:
@@ -50,7 +42,10 @@ def require_one_specimen(recordings: Named) -> None:
             )
         for earlier, seen in recordings[:n]:
             if same_motion(seen, other):
-                raise ValueError(f"{name}: the same motion as {earlier}")
+                raise ValueError(
+                    f"{name}: the same motion as {earlier}, or a part of it: give each motion once, and hold back"
+                    " one that is not read"
+                )
 
 
 def require_all_stated(recordings: Named, read: int, dx: float | None = None) -> None:
@@ -100,7 +95,13 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
 
 def _require_scene(recording: Recording, dx: float | None) -> None:
     shape = body(recording)
-    most = COARSEST * float(np.min(shape.high - shape.low))
+    size = shape.high - shape.low
+    if np.max(size) > LARGEST:
+        raise ValueError(
+            f"its box has edges of {', '.join(f'{edge:g}' for edge in size)} m: lengths are in metres; are these"
+            " millimetres?"
+        )
+    most = COARSEST * float(np.min(size))
     if dx is not None and dx > most:
         raise ValueError(
             f"dx {dx:g} m: up to {most:.3g} m is wanted, a quarter of the body's least edge"

@@ -219,6 +219,9 @@ def diagnosed(
         device: Warp device.
         progress: hears what is done.
 
+    Returns:
+        What was found; print it, or write it with ``to_json``.
+
     Raises:
         ValueError: recordings without force, or that do not state what is needed, those that are held
             back among them; that hold one motion twice, or declare other values than another or ``start``.

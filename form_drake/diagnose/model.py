@@ -144,7 +144,8 @@ class Model:
         """Of a material's file, with a catalogue of effects by id.
 
         Raises:
-            ValueError: see ``form_drake.effects.acting.known``.
+            ValueError: an effect that they lack, that does not fit the law, or of a size or shape that there
+                cannot be.
         """
         stds = [one.std or 0.0 for one in material.effects]
         acting = zip(known(material.effects, material.law, effects), stds, strict=True)

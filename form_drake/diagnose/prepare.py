@@ -31,7 +31,7 @@ UNKNOWN = (
 )  # bulk by shear modulus where the first is not to be believed: Poisson's ratio is a third
 APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
-TURNED = 0.5  # of what forces leave, less than which they leave where their sign is turned
+FIRMER = 1.25  # times the shear modulus, that forces of the right sign give at least
 CLEAR = 1.0  # of the grid spacing, kept from held faces
 DEEP = 0.1  # of the least edge, from every face, where a point lies inside
 THROUGHOUT = 0.05  # of the points, that lie inside at least
@@ -108,40 +108,54 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     balance = [replace(p, keep=p.keep & tests(p.fields, p.windows)) for p in few.probes]
     found = weighing(replace(few, probes=tuple(balance)))
     require_sign(found)
-    theta = problem.unknowns.theta(found.solution.theta)
-    values = problem.values(found.eta)
-    terms = {t.key: float(v) for t, v in zip(law.terms, theta, strict=True)}
-    values = {**values, **terms}
+    values = problem.values(found.eta) | terms_of(problem.unknowns, found.solution.theta)
     K, G = law.moduli(values)
     return problem, Model(law, firm(law, values, known, UNKNOWN) if K < FIRM * G else values)
 
 
+def terms_of(unknowns: Unknowns, reduced: np.ndarray) -> dict[str, float]:
+    """Coefficients of a law's terms by key."""
+    theta = unknowns.theta(reduced)
+    return {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
+
+
 def require_sign(found: Weighed) -> None:
-    """Refuse forces under which a body has no stiffness, or that fit far worse than with the other sign.
+    """Refuse forces under which a body is softer than with the other sign.
+
+    Beside rows of the interior, which hold for no stiffness at all, those of forces of the other sign pull
+    moduli down to their floors, or as near as other errors let them.
 
     Raises:
-        ValueError: they are such, and would be those of a body with the other sign.
+        ValueError: they are such.
     """
-    (left, stiff), (less, real) = (_signed(found, sign) for sign in (1.0, -1.0))
-    if real and (not stiff or less < TURNED * left):
+    here, there = (_firmness(one) for one in (found, weighing(_turned(found.problem))))
+    if there > FIRMER * here:
         raise ValueError(
             "forces would be those of a body with the other sign: they are those of the material on the"
             " tool; is their sign turned, or their zero far off?"
         )
 
 
-def _signed(found: Weighed, sign: float) -> tuple[float, bool]:
-    """Square that the law leaves of whitened rows, and whether moduli stand above their floors."""
+def _turned(problem: Problem) -> Problem:
+    """With forces of the other sign."""
     probes = [
-        replace(p, forces={k: replace(f, value=sign * f.value) for k, f in p.forces.items()})
-        for p in found.problem.probes
+        replace(p, forces={k: replace(f, value=-f.value) for k, f in p.forces.items()})
+        for p in problem.probes
     ]
-    problem = replace(found.problem, probes=tuple(probes), offset=None)
-    system = problem.system(found.eta, problem.unknowns.theta(found.solution.theta))
-    solution, floors = problem.solved(system, found.by), problem.floors(system)
+    return replace(problem, probes=tuple(probes), offset=None)
+
+
+def _firmness(found: Weighed) -> float:
+    """Shear modulus [Pa], or bulk modulus of what has none; zero: it does not stand above the floors."""
+    problem, theta = found.problem, found.solution.theta
+    unknowns = problem.unknowns
+    system = problem.system(found.eta, unknowns.theta(theta))
+    floors = problem.floors(system)
     positive = np.isfinite(floors)
-    stiff = not positive.any() or np.any(solution.theta[positive] > 2.0 * floors[positive])
-    return float(np.sum(found.by.white(solution.residual) ** 2)), bool(stiff)
+    if positive.any() and not np.any(theta[positive] > 2.0 * floors[positive]):
+        return 0.0
+    K, G = unknowns.law.moduli(problem.values(found.eta) | terms_of(unknowns, theta))
+    return float(G or K)
 
 
 def problem_of(scenes: Scenes, unknowns: Unknowns, stride: float = STRIDE) -> Problem:

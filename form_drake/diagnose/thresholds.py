@@ -64,7 +64,7 @@ class Nulls:
         Raises:
             ValueError: it is no such file.
         """
-        told = read_mapping(path)
+        told = read_mapping(Path(path))
         try:
             scores = {str(k): _number(v) for k, v in told["scores"].items()}
             of = {k: [_number(v) for v in told["of"][k]] for k in MEASURED}
@@ -73,7 +73,8 @@ class Nulls:
             draws = _number(told["draws"])
         except (AttributeError, KeyError, TypeError, ValueError):
             raise ValueError(
-                f"{path}: no nulls of recordings; form-drake bench nulls --like writes them"
+                f"{path}: no nulls of recordings; form-drake bench nulls --like writes them, and writes anew those"
+                " of an older version"
             ) from None
         basis = (
             f"Thresholds come from {draws:g} draws of noise on a simulation of such recordings on a finer grid of"

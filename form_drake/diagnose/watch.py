@@ -78,6 +78,8 @@ class Watch:
     def excess(self, measured: Recording) -> Excess:
         """By channel, ends of windows [s] and mean squares of deviations, as a share of their limits.
 
+        Either of shape [windows].
+
         Args:
             measured: so far, on the clock of the plan; stress-free positions that it does not state are the
                 plan's.

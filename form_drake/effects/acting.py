@@ -51,7 +51,9 @@ def known(told: Iterable[Told], law: Law, effects: Mapping[str, Effect]) -> tupl
     found = list[Known]()
     for one in told:
         if one.id not in effects:
-            raise ValueError(f"effect {one.id!r}: choose from {', '.join(effects)}")
+            raise ValueError(
+                f"effect {one.id!r}: choose from {', '.join(effects)}; --effects FILE adds your own"
+            )
         effect = effects[one.id]
         effect.check(one.coefficient, one.shape)
         if not effect.fits(law):

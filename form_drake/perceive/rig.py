@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from form_drake.files import plain, read_mapping, write_text
+from form_drake.files import about, plain, read_mapping, write_text
 from form_drake.motion.body import Face
 from form_drake.perceive.optics import projected
 from form_drake.records import Camera
@@ -121,10 +121,8 @@ class Rig:
             ValueError: what is wrong with it.
         """
         content = read_mapping(path)
-        try:
+        with about(path):
             return cls._made(content)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     @classmethod
     def _made(cls, content: Mapping[str, Any]) -> "Rig":

@@ -19,6 +19,8 @@ def read(path: Path) -> Recording:
         ValueError: unknown suffix, or what is wrong with the file.
     """
     path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder; a recording in it is wanted, such as recording.h5")
     if path.suffix not in READERS:
         raise ValueError(f"{path}: a recording ends in {', '.join(READERS)}, not {path.suffix!r}")
     return READERS[path.suffix](path)
