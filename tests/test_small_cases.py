@@ -20,6 +20,7 @@ from form_drake.diagnose.prepare import read
 from form_drake.diagnose.race import FIELD
 from form_drake.diagnose.verdict import judged
 from form_drake.effects import CATALOGUE
+from form_drake.identify import identify
 from form_drake.identify.scene import twin_problem
 from form_drake.laws import LAWS
 
@@ -65,10 +66,16 @@ def test_what_is_hidden_stands_out_and_nothing_where_nothing_is(plate, tmp_path)
     assert len(first) >= len(scored) - 1, scored  # the other when it is simulated
 
 
-@pytest.mark.parametrize("name", ["bonded-null", "bonded-hardening"])
-def test_forces_of_the_other_sign_are_refused(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "by"), [("bonded-hardening", "read"), ("bonded-null", "fit"), ("loose-null", "fit")]
+)
+def test_forces_of_the_other_sign_are_refused(name, by, tmp_path):
     """Also where rows of the interior leave a stiffness that is no more than small."""
     press, _ = recordings(name, tmp_path)
     forces = {k: replace(f, value=-f.value) for k, f in press.forces.items()}
+    turned = replace(press, forces=forces)
     with pytest.raises(ValueError, match="those of a body with the other sign"):
-        read(Scenes.of((replace(press, forces=forces),)), LAWS["neo-hookean"], {})
+        if by == "read":
+            read(Scenes.of((turned,)), LAWS["neo-hookean"], {})
+        else:
+            identify(turned)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.diagnose.model import FIRM, Model, Scenes, firm
-from form_drake.identify.options import Weighed
 from form_drake.identify.problem import Problem
+from form_drake.identify.sign import require_sign, terms_of
 from form_drake.identify.solve import require_given
 from form_drake.identify.stated import weak_known
-from form_drake.identify.weak import weighing
+from form_drake.identify.weighing import weighing
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.motion import body, fit_tracks
@@ -31,7 +31,6 @@ UNKNOWN = (
 )  # bulk by shear modulus where the first is not to be believed: Poisson's ratio is a third
 APART = 2.0  # the same, for a first model
 SPANS = 2  # of the fields along each axis, one more for each held face
-FIRMER = 1.25  # times the shear modulus, that forces of the right sign give at least
 CLEAR = 1.0  # of the grid spacing, kept from held faces
 DEEP = 0.1  # of the least edge, from every face, where a point lies inside
 THROUGHOUT = 0.05  # of the points, that lie inside at least
@@ -111,51 +110,6 @@ def read(scenes: Scenes, law: Law, known: Mapping[str, float]) -> tuple[Problem,
     values = problem.values(found.eta) | terms_of(problem.unknowns, found.solution.theta)
     K, G = law.moduli(values)
     return problem, Model(law, firm(law, values, known, UNKNOWN) if K < FIRM * G else values)
-
-
-def terms_of(unknowns: Unknowns, reduced: np.ndarray) -> dict[str, float]:
-    """Coefficients of a law's terms by key."""
-    theta = unknowns.theta(reduced)
-    return {t.key: float(v) for t, v in zip(unknowns.law.terms, theta, strict=True)}
-
-
-def require_sign(found: Weighed) -> None:
-    """Refuse forces under which a body is softer than with the other sign.
-
-    Beside rows of the interior, which hold for no stiffness at all, those of forces of the other sign pull
-    moduli down to their floors, or as near as other errors let them.
-
-    Raises:
-        ValueError: they are such.
-    """
-    here, there = (_firmness(one) for one in (found, weighing(_turned(found.problem))))
-    if there > FIRMER * here:
-        raise ValueError(
-            "forces would be those of a body with the other sign: they are those of the material on the"
-            " tool; is their sign turned, or their zero far off?"
-        )
-
-
-def _turned(problem: Problem) -> Problem:
-    """With forces of the other sign."""
-    probes = [
-        replace(p, forces={k: replace(f, value=-f.value) for k, f in p.forces.items()})
-        for p in problem.probes
-    ]
-    return replace(problem, probes=tuple(probes), offset=None)
-
-
-def _firmness(found: Weighed) -> float:
-    """Shear modulus [Pa], or bulk modulus of what has none; zero: it does not stand above the floors."""
-    problem, theta = found.problem, found.solution.theta
-    unknowns = problem.unknowns
-    system = problem.system(found.eta, unknowns.theta(theta))
-    floors = problem.floors(system)
-    positive = np.isfinite(floors)
-    if positive.any() and not np.any(theta[positive] > 2.0 * floors[positive]):
-        return 0.0
-    K, G = unknowns.law.moduli(problem.values(found.eta) | terms_of(unknowns, theta))
-    return float(G or K)
 
 
 def problem_of(scenes: Scenes, unknowns: Unknowns, stride: float = STRIDE) -> Problem:

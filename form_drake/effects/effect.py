@@ -124,8 +124,8 @@ class Effect:
         sentence: what it is, for a report.
         unit: of the coefficient: factors with spaces between, and one slash at most.
         prior: from the least to the largest size that is likely, in that unit, as all coefficients here.
-        column: (reading, shape) -> what a coefficient of one adds to A theta - b, shape [rows]; None: it is
-            found by simulating with a coefficient of ``trial``.
+        column: (reading, shape) -> what a coefficient of one adds to A theta - b [N m s], shape [rows]; None:
+            it is found by simulating with a coefficient of ``trial``.
         world: (world, coefficient, shape) -> the scene with the effect; None: it is the sensors'.
         sensor: (recording, coefficient, shape) -> what sensors with the effect record of a motion;
             None: it is the world's. The recording's ``p_WQ`` and ``forces`` are arrays as of

@@ -8,12 +8,13 @@ import numpy as np
 
 from form_drake.identify.options import Reader, WeakFit, WeakOptions, Weighed
 from form_drake.identify.posed import posed
-from form_drake.identify.problem import Problem
 from form_drake.identify.scene import Twin, twin_offset
 from form_drake.identify.search import searched
-from form_drake.identify.solve import Identification, require_given
+from form_drake.identify.sign import require_sign
+from form_drake.identify.solve import Identification, Unidentifiable, require_given
 from form_drake.identify.surface import balanced_inside
 from form_drake.identify.twin import Offset, with_twins
+from form_drake.identify.weighing import weighing
 from form_drake.identify.worth import at_bound, noise_bias, parameters, refuse
 from form_drake.laws import Law
 from form_drake.material import Material
@@ -21,9 +22,7 @@ from form_drake.records import Recording
 from form_drake.weak.probe import Probe
 from form_drake.weak.ready import probe_body
 from form_drake.weak.solve import (
-    Solution,
     Weights,
-    balanced,
     gains,
     ordinary,
     passed_on,
@@ -33,13 +32,11 @@ from form_drake.weak.solve import (
     weights,
 )
 
-PASSES = 3  # of the weights after the first search, fewer where they no longer change
-SETTLED = 0.03  # share by which the stress may still change: weights that far off cost some thousandths of the variance
-LEANING, STILL = 12, 1e-4  # the same where stretches follow from the ratios of what is sought
 # of a row's size, by which all rows of a test field may be off alike where stress follows from a history
 # between frames: a choice, of the order by which exact presses of specimens that no table shows (seeds 10 to
 # 19) came out wrong on the grid of their scenario, before jolts between frames counted; wide on finer grids
 PATH = 1e-3
+UNEXPLAINED = 0.5  # of the stress integrals, rms: a residual that calls for a look at the forces
 
 
 def identify_weak(
@@ -60,7 +57,7 @@ def identify_weak(
             offset is put into the columns; ``details`` then holds the answer without it.
 
     Raises:
-        ValueError: a recording lacks what the balance needs.
+        ValueError: a recording lacks what the balance needs, or forces are those of the other sign.
         Unidentifiable: the motions do not determine the parameters.
     """
     each = _of_every_probe(options, len(recordings))
@@ -76,7 +73,13 @@ def identify_weak(
             lambda given, read: estimated(weighed(given, law, known, each, read), each[0]),
         )
     ready = weighed(recordings, law, known, each)
-    first = estimated(ready, each[0])
+    try:
+        first = estimated(ready, each[0])
+    except Unidentifiable:
+        require_sign(ready)
+        raise
+    if first.residual > UNEXPLAINED:
+        require_sign(ready)
     if twin is None:
         return first
 
@@ -110,12 +113,6 @@ def weighed(
     reading = time.perf_counter() - begun
     found = weighing(problem)
     return replace(found, seconds=found.seconds + reading)
-
-
-def weighing(problem: Problem) -> Weighed:
-    """Search, and weigh the rows of a problem."""
-    begun = time.perf_counter()
-    return Weighed(*_weighted(problem), time.perf_counter() - begun)
 
 
 def estimated(ready: Weighed, options: WeakOptions) -> Identification:
@@ -225,38 +222,3 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         },
     )
     return answer, WeakFit(problem, system, theta, residual, row_noise, by.error, removed)
-
-
-def _and(some: list[np.ndarray], others: list[np.ndarray]) -> list[np.ndarray]:
-    return [a + b for a, b in zip(some, others, strict=True)]
-
-
-def _weighted(
-    problem: Problem,
-) -> tuple[Problem, np.ndarray, Solution, Weights, list[np.ndarray]]:
-    """Search and solution, first with rows weighted by size, then by their covariance."""
-    coarse = problem.coarser
-    middle = np.array([0.5 * np.log(a * z) for a, z in problem.ranges])
-    rough = coarse.system(middle)
-    sizes = rough.sizes[:, problem.unknowns.columns]
-    size = np.mean(sizes / np.sqrt(np.mean(sizes**2, axis=0)), axis=1)
-    none = [np.zeros((k, k)) for k in (int(p.keep.sum()) for p in problem.probes)]
-    by = weights(none, size / size.max(), 1.0)
-    eta = searched(coarse, by)
-    solution = coarse.solved(coarse.system(eta), by)
-    passes, settled = (LEANING, STILL) if problem.leans else (PASSES, SETTLED)
-    for _ in range(passes):
-        before, theta = eta, problem.unknowns.theta(solution.theta)
-        if problem.leans:
-            problem = replace(problem, towards=theta)
-        noise = _and(problem.noise(eta, theta), problem.missed)
-        system = problem.system(eta, theta)
-        by = balanced(noise, system.scale, *problem.reduced(system.A, system.b))
-        eta = searched(problem, by, eta)
-        solution = problem.solved(problem.system(eta), by)
-        change = np.abs(problem.unknowns.theta(solution.theta) - theta)
-        moved = np.max(np.abs(eta - before), initial=0.0)
-        moved = max(moved, (system.sizes @ change).sum() / (system.sizes @ np.abs(theta)).sum())
-        if moved <= settled:
-            break
-    return problem, eta, solution, by, noise
