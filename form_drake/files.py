@@ -92,13 +92,27 @@ def target_folder(path: Path) -> Path:
     """
     if path.exists() and not path.is_dir():
         raise ValueError(f"{path} is a file; a folder is wanted: choose another --out")
-    if path.is_dir() and not (path / MARK).is_file() and any(path.iterdir()):
+    if path.is_dir() and (foreign := _foreign(path)):
         raise ValueError(
-            f"{path} holds files that no earlier run has made; it is replaced as a whole: remove it"
-            " or choose another --out"
+            f"{path} holds files that no earlier run has made ({foreign[0]}); it is replaced as a whole: remove"
+            " them or choose another --out"
         )
     _open_parent(path.resolve())
     return path
+
+
+def spare(out: Path, *inputs: Path | None) -> None:
+    """Refuse an output that would take the place of what is read.
+
+    Raises:
+        ValueError: an input is the output, or lies in it.
+    """
+    place = out.resolve()
+    for one in (path for path in inputs if path is not None):
+        if place in (one.resolve(), *one.resolve().parents):
+            raise ValueError(
+                f"{out} would take the place of {one}, which is read: choose another --out"
+            )
 
 
 def _open_parent(path: Path) -> None:
@@ -107,6 +121,20 @@ def _open_parent(path: Path) -> None:
         raise ValueError(f"{path}: {parent} is not a folder")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise ValueError(f"{path}: {parent} is not writable")
+
+
+def _foreign(folder: Path) -> list[str]:
+    """Files of a folder that the run which made it has not; one that does not tell has made all."""
+    mark = folder / MARK
+    if not mark.is_file():
+        return _held(folder)
+    made = mark.read_text(encoding="utf-8", errors="replace").splitlines()[1:]
+    return [name for name in _held(folder) if name not in made] if made else []
+
+
+def _held(folder: Path) -> list[str]:
+    files = (path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")))
+    return [name for name in files if (folder / name).is_file() and name != MARK]
 
 
 @contextmanager
@@ -136,7 +164,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
     old = temporary.with_name(temporary.name + ".old")
     try:
         yield temporary
-        (temporary / MARK).write_text(f"{version('form-drake')}\n", encoding="utf-8")
+        told = [version("form-drake"), *_held(temporary)]
+        (temporary / MARK).write_text("".join(f"{line}\n" for line in told), encoding="utf-8")
         try:
             if path.exists():
                 path.rename(old)

@@ -36,6 +36,7 @@ def rig_of(scenario: Scenario, rate: float) -> Rig:
     low, high = specimen_corners(scenario)
     aim = np.array(view.aim or face.middle(low, high), dtype=float)
     right = np.cross(view.down, -face.normal)
+    right /= max(float(np.linalg.norm(right)), 1e-12)  # none: refused below
     cameras = {
         name: looking(
             aim + view.distance * face.normal + share * view.baseline * right,

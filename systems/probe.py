@@ -33,6 +33,7 @@ from form_drake.systems.station import (
     specimen_corners,
     tool_rotation,
 )
+from form_drake.systems.touching import body_name
 from form_drake.systems.viewer import View
 
 
@@ -189,7 +190,7 @@ def _add_recorder(
     acting = known(made.effects, made.law, effects)
     recorder = Recorder(
         source.header,
-        station.tool.body().name(),
+        body_name(station.plant, station.tool.body()),
         begin=solver.settle,
         rate=source.rate,
         period=solver.period,
@@ -262,7 +263,7 @@ def tracked(scenario: Scenario, station: Station) -> np.ndarray:
 def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recording:
     """All that is known before the probe: specimen, tool and sensors."""
     measure, specimen = scenario.measure, scenario.specimen
-    tool = station.tool.body().name()
+    tool = body_name(station.plant, station.tool.body())
     rest = station.material.scene.rest[chosen]
     low, high = (" ".join(f"{v:.9g}" for v in corner) for corner in specimen_corners(scenario))
     none = np.zeros(1)

@@ -19,6 +19,7 @@ from form_drake.mpm.tools import Motions
 from form_drake.records import Recording, Stream
 from form_drake.systems.scenario import Scenario
 from form_drake.systems.station import Station, make_station
+from form_drake.systems.touching import body_name
 
 Drive = Literal["pose", "force"]
 NEAR = 0.25  # of the particles' distance, within which a tracked point is a particle
@@ -75,7 +76,7 @@ def replay(
         )
     start = None if recording.joints is None else recording.joints.value[0]
     station = make_station(scenario, start=start, material=material, effects=effects)
-    tool = station.tool.body().name()
+    tool = body_name(station.plant, station.tool.body())
     for name, streams in (("poses", recording.poses), ("force", recording.forces)):
         if tool not in streams:
             raise ValueError(f"the recording holds no {name} of {tool}, the scenario's tool")
@@ -90,6 +91,7 @@ def replay(
         if k in wanted:
             frames.append(snapshot.p_WQ[points])
         if k == last:
+            poses.append(path.at(k * period).GetAsMatrix4())
             break
         motions, X_WT = path.step(k * period, snapshot)
         damping = solver.damping if k * period < solver.settle else 0.0
@@ -104,7 +106,7 @@ def replay(
         p_WQ=np.array(frames),
         valid=None,
         noise=None,
-        poses={tool: Stream(begin, np.array(poses))},
+        poses={tool: Stream(np.append(begin, period * last), np.array(poses))},
         forces={tool: Stream(begin + 0.5 * period, np.array(forces))},
         source="prediction",
     )
@@ -179,6 +181,10 @@ class _Path:
             )
             X, X1 = _shifted(X, before), _shifted(X1, self._offset)
         return self._motions(X, X1), X
+
+    def at(self, time: float) -> RigidTransform:
+        """X_WT as far as the tool has come by a time [s]."""
+        return _shifted(self._pose(time), self._offset)
 
     def force(self, snapshot: Snapshot) -> np.ndarray:
         """On the moving tool [N], in W."""

@@ -77,6 +77,12 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
     for name, part in checked.items():
         with about(name):
             part.__post_init__()
+    for name in ("sensor", "torque"):
+        if (period := getattr(measure, name).period) > solver.period * (1.0 + 1e-9):
+            raise ValueError(
+                f"measure.{name}.period: {period:g} s is longer than solver.period, {solver.period:g} s, in which"
+                " forces are recorded: they would be recorded twice, and their noise with them"
+            )
     for name, camera in scenario.cameras.items():
         if not (camera.rgb or camera.depth):
             raise ValueError(f"cameras.{name}: neither rgb nor depth is wanted of it")

@@ -40,6 +40,12 @@ def solid(shape: Shape, spacing: float) -> Solid:
     made.merge_vertices()
     if not made.is_watertight:
         raise ValueError(f"{type(shape).__name__}: its surface must be closed to touch material")
+    if not made.is_winding_consistent:
+        raise ValueError(
+            f"{type(shape).__name__}: its triangles look to both sides of its surface: turn them outwards"
+        )
+    if made.volume < 0.0:
+        made.invert()
     return Solid.mesh(made.vertices, made.faces, spacing)
 
 

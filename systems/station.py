@@ -120,7 +120,7 @@ def make_station(
     material = material or scenario.specimen.made()
     soft = _soft(scenario, material, effects, builder, plant, scene_graph)
     _export_arm(scenario, builder, plant, panda, tool)
-    _export_force(scenario, builder, soft, tool.body().name())
+    _export_force(scenario, builder, soft, body_name(plant, tool.body()))
     builder.ExportOutput(soft.GetOutputPort("particles"), "material.particles")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
     _cameras(scenario, builder, plant, scene_graph)

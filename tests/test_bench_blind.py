@@ -117,6 +117,7 @@ def test_what_verdicts_are_worth(drawn, tmp_path, capsys):
         "right class, strong singles": (2, 3),
         "right class and named": (1, 3),
         "right class and nothing else": (2, 3),
+        "right by declared classes, and sign": (0, 3),  # of no size, and by a verdict's own class
         "false alarms on nulls": (1, 2),
         "nulls, not told that nothing is missing": (1, 2),
         "out of catalogue, refused": (1, 2),
@@ -177,6 +178,33 @@ def test_what_no_recording_tells_apart_is_of_one_class():
     for name, other in (("density", "force-gain"), ("hardening", "yield")):
         assert blind_score.right(name, effect(other)) and blind_score.right(other, effect(name))
     assert not blind_score.right("drag", effect("density"))
+    truth = {"effects": {"stiffening": {"C2": 500.0}}, "body": {}}
+    for named, strictly in (
+        ({"coefficient": 400.0}, True),
+        ({"coefficient": -400.0}, False),
+        ({"name": "damping"}, False),  # which says itself that it is like that
+    ):
+        one = {"verdict": "named", "effects": [effect("stiffening") | {"where": {}} | named]}
+        assert blind_score.first(one, truth) and blind_score._strictly(one, truth) is strictly
+
+
+def test_each_of_a_pair_is_named_by_one_of_its_own():
+    truth = {"effects": {"damping": {}, "force-delay": {}}}
+    both = [effect("damping", "force-delay"), effect("drag")]
+    for named, told in ((both[:1], False), (both, False), ([both[0], effect("damping")], True)):
+        assert blind_score._all({"verdict": "named", "effects": named}, truth) is told
+
+
+def test_a_case_without_a_verdict_counts_as_an_error(drawn, tmp_path):
+    key, seal = drawn / "key-a.json", drawn / "key-a.sha256"
+    out, truth = tmp_path / "blind.json", json.loads(key.read_text())
+    verdicts(truth, blind.sealed(seal), out)
+    out.write_text("".join(out.read_text().splitlines(keepends=True)[:2]))  # the right single
+    found = score(out, key, seal)
+    rate = found["rates"]["right class, strong singles"]
+    assert (rate["hits"], rate["of"]) == (1, sum(t["kind"] == "single" for t in truth.values()))
+    assert found["missing"] == len(truth) - 1
+    assert "cases without a verdict" in blind_table.table(found)
 
 
 def test_goals_stand_beside_what_was_reached(tmp_path, drawn):

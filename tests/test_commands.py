@@ -231,7 +231,12 @@ def test_identify_replaces_its_earlier_folder(capsys, files, here):
     code, out, _ = run(capsys, "identify", files / "steps.h5")
     assert code == 0 and "mu" in out and "95 %" in out
     folder = here / "runs" / "identify"
-    (folder / "stale").write_text("")
+    (folder / "notes.txt").write_text("mine")
+    line = refusal(capsys, "identify", files / "steps.h5")
+    assert "holds files that no earlier run has made (notes.txt)" in line
+    assert (folder / "notes.txt").read_text() == "mine"
+    (folder / "notes.txt").unlink()
+    (folder / "result.json").unlink()  # as of a run that wrote less
     assert run(capsys, "identify", files / "steps.h5", "--known", f"mu={TRUTH['mu']}")[0] == 0
     assert {p.name for p in folder.iterdir() if p.name[0] != "."} == {
         "material.yaml",
@@ -239,6 +244,21 @@ def test_identify_replaces_its_earlier_folder(capsys, files, here):
     }
     assert read_material(folder / "material.yaml").keys == ("lam",)
     assert [p.name for p in folder.parent.iterdir()] == ["identify"]
+
+
+def test_no_output_takes_the_place_of_what_is_read(capsys, files, here):
+    kept = here / "runs" / "a"
+    kept.mkdir(parents=True)
+    for name in ("steps.h5", "true.yaml"):
+        (kept / name).write_bytes((files / name).read_bytes())
+    (kept / ".form-drake").touch()  # of a run that does not tell what it wrote
+    for arguments in (
+        ("diagnose", kept / "steps.h5", "--out", kept),
+        ("predict", kept / "true.yaml", kept / "steps.h5", "--out", kept / "steps.h5"),
+        ("simulate", "press_a", "--material", kept / "true.yaml", "--out", kept.parent),
+    ):
+        assert "which is read: choose another --out" in refusal(capsys, *arguments)
+    assert (kept / "steps.h5").read_bytes() == (files / "steps.h5").read_bytes()
 
 
 def test_values_are_one_word_before_the_file(capsys, files, here):

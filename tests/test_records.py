@@ -495,6 +495,38 @@ def test_missing_files_and_folders_are_refused(tmp_path, name):
     refused(tmp_path / name, "is a folder", reader)
 
 
+@pytest.mark.parametrize(
+    ("place", "name", "value", "told"),
+    [
+        ("forces/plate/value", "unit", "kN", "forces/plate/value: the unit is N, got 'kN'"),
+        ("forces/plate/time", "unit", "ms", "forces/plate/time: the unit is s, got 'ms'"),
+        ("forces/plate", "nosie", 0.1, "forces/plate: unknown attribute 'nosie': .* are noise"),
+        ("points", "noise", 0.1, "points: unknown attribute 'noise': allowed are none"),
+        ("points/p_WQ", "units", "m", "unknown attribute 'units': allowed are dims, unit"),
+    ],
+)
+def test_attributes_and_units_that_nobody_would_read_are_refused(
+    tmp_path, place, name, value, told
+):
+    path, force = tmp_path / "a.h5", Stream(np.arange(2.0), np.zeros((2, 3)))
+    write_recording(replace(full_recording(), forces={"plate": force}), path)
+    with h5py.File(path, "a") as file:
+        file[place].attrs[name] = value
+    refused(path, told)
+
+
+def test_a_stream_without_samples_is_refused():
+    none = Stream(np.zeros(0), np.zeros((0, 3)))
+    with pytest.raises(ValueError, match="plate: it holds no sample: leave it out"):
+        replace(full_recording(), forces={"plate": none})
+
+
+def test_an_archive_that_does_not_begin_as_one_is_refused(tmp_path):
+    write_nclaw(tmp_path)
+    (tmp_path / "b.npz").write_bytes(b"junk" + (tmp_path / "a.npz").read_bytes())
+    refused(tmp_path / "b.npz", "it is no zip archive")
+
+
 def test_unknown_endings_are_refused(tmp_path):
     refused(tmp_path / "a.csv", r"ends in .h5, .hdf5, .npz, not '.csv'")
 

@@ -120,6 +120,11 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("panda.control_mode=torque",), "panda: control_mode 'torque' .* position"),
         ("press_a", ("measure.sensor.noise=[-0.005]",), "measure.sensor: .* must not be negative"),
         ("press_a", ("measure.torque.period=0",), "measure.torque: .* the period positive"),
+        (
+            "press_a",
+            ("measure.sensor.period=0.002",),
+            "sensor.period: 0.002 s is longer than solver",
+        ),
         ("press_a", ("stereo.size=[640]",), "stereo: size: 2 numbers are wanted"),
         ("press_a", ("stereo.focus=-1",), "stereo: focus: a positive number is wanted"),
         ("press_a", ("cameras={front: {rgb: false, depth: false}}",), "cameras.front: neither rgb"),
@@ -342,6 +347,8 @@ def test_replay_of_the_same_material(pressed):
     recording = recording.measured_by("sensor")
     material = run.scenario.specimen.made()
     same = replay(run.scenario, material, recording)
+    (stamps,) = (stream.time for stream in same.recording.poses.values())
+    assert stamps[-1] == pytest.approx(same.recording.time[-1])  # so that it can be simulated
     assert same.shape_rms < 1e-6
     assert abs(same.peak_error) < 1e-3 and same.force_rms < 1e-3
     softer = replay(run.scenario, material.changed({"E": 60e3, "nu": 0.3}), recording)

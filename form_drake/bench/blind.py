@@ -155,8 +155,8 @@ def _verdict(case: Case, probes: Probes, *, placebo: int | None) -> dict[str, An
         progress=lambda text: marks.append((text, _worked())),
     )
     told = found.to_json()
-    keys = ("verdict", "failed", "effects", "values", "gap", "unverified", "placebos", "removed")
-    kept = {k: told[k] for k in keys}
+    keys = ("verdict", "failed", "doubts", "effects", "values", "gap", "unverified", "placebos")
+    kept = {k: told[k] for k in (*keys, "removed")}
     passes = [
         {
             "residual": p["residual"],

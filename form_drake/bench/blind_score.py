@@ -3,13 +3,15 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from form_drake.bench.blind import sealed, verdicts
-from form_drake.bench.blind_sizes import compared, limits
+from form_drake.bench.blind_sizes import SIZES, compared, limits
+from form_drake.bench.blind_sizes import found as sized
 from form_drake.diagnose.verdict import LEAST
 from form_drake.effects import CATALOGUE
 from form_drake.files import read_mapping
@@ -39,11 +41,23 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def right(effect: str, named: Mapping[str, Any]) -> bool:
-    """Whether what was named is of one class with an effect."""
-    classes = {effect, *(n for same in SAME if effect in same for n in same)}
-    if effect in CATALOGUE:
-        classes.update(CATALOGUE[effect].same)
-    return bool(classes & {named["name"], *named["class"]})
+    """Whether what was named is of one class with an effect, by declaration or by the verdict's own word."""
+    return bool(_classes(effect) & {named["name"], *named["class"]})
+
+
+def _classes(effect: str) -> set[str]:
+    """Effects that are declared to be of one class with it, whatever a verdict says."""
+    own = CATALOGUE[effect].same if effect in CATALOGUE else ()
+    return {effect, *own, *(n for same in SAME if effect in same for n in same)}
+
+
+def _strictly(one: Verdict, truth: Truth) -> bool:
+    """``first`` by declared classes alone, and of the right sign if by its own name."""
+    (effect,), named = truth["effects"], [*_told(one)][:1]
+    if not named or named[0]["name"] not in _classes(effect):
+        return False
+    wanted = SIZES[effect](truth["effects"][effect], truth["body"])
+    return named[0]["name"] != effect or wanted is None or sized(named[0])[0] * wanted > 0.0
 
 
 def _sure(one: Verdict) -> bool:
@@ -64,7 +78,9 @@ def _wrong(one: Verdict, truth: Truth) -> bool:
 
 
 def _all(one: Verdict, truth: Truth) -> bool:
-    return all(any(right(t, e) for e in _told(one)) for t in truth["effects"])
+    hidden = list(truth["effects"])
+    every = permutations(_told(one), len(hidden))  # each for one effect
+    return any(all(map(right, hidden, named)) for named in every)
 
 
 def _exactly(one: Verdict, truth: Truth) -> bool:
@@ -82,6 +98,7 @@ RATES = {  # name -> kind, what counts
     "right class, strong singles": ("single", first),
     "right class and named": ("single", lambda o, t: _sure(o) and first(o, t)),
     "right class and nothing else": ("single", _exactly),
+    "right by declared classes, and sign": ("single", _strictly),
     "false alarms on nulls": ("null", lambda o, t: bool(o.get("effects"))),
     "nulls, not told that nothing is missing": ("null", lambda o, t: o["verdict"] != "none"),
     "out of catalogue, refused": ("outside", lambda o, t: o["verdict"] == "unnamed"),
@@ -107,7 +124,7 @@ MISNAMED = (  # rates that errors do not lower: these are left out
 
 
 def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
-    """Rates of a file of verdicts.
+    """Rates of a file of verdicts; a case that has none counts as an error.
 
     Raises:
         ValueError: the key is not the one that was sealed, or cases are not in it.
@@ -125,9 +142,10 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
         raise ValueError(f"{seal}: another seal than that of the verdicts in {out}, {head['seal']}")
     if digest(truth) != head["seal"]:
         raise ValueError(f"{key}: not the key that {seal} and {out} were sealed with")
-    lost = [one["id"] for one in results if one["id"] not in truth]
-    if lost:
+    ids = {one["id"] for one in results}
+    if lost := sorted(ids - set(truth)):
         raise ValueError(f"{out}: case {lost[0]} is not in {key}")
+    results = [*results, *({"id": n, "verdict": "error"} for n in truth if n not in ids)]
     try:
         return {**head, **_worth(results, truth)}
     except (AttributeError, KeyError, TypeError) as error:
@@ -135,7 +153,7 @@ def score(out: Path, key: Path, seal: Path) -> dict[str, Any]:
 
 
 def _worth(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
-    rates, worked = {}, [float(one["seconds"]) for one in results]
+    rates, worked = {}, [float(one["seconds"]) for one in results if "seconds" in one]
     for name, (kind, counts) in RATES.items():
         own = [(one, truth[one["id"]]) for one in results if truth[one["id"]]["kind"] == kind]
         if name in MISNAMED:
@@ -155,6 +173,7 @@ def _worth(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, 
         "seconds": _seconds(worked) if worked else {},
         "reading": [float(one["reading"]) for one in results if "reading" in one],
         "errors": [one["id"] for one in results if one["verdict"] == "error"],
+        "missing": sum("seconds" not in one for one in results),
     }
 
 

@@ -50,6 +50,8 @@ class Line:
 def lines(result: Result) -> list[Line]:
     """What a set is judged by, first to last."""
     found = [_rate(name, rate["hits"], rate["of"]) for name, rate in result["rates"].items()]
+    if count := result["missing"]:
+        found.insert(0, Line("cases without a verdict, which count as errors", str(count)))
     found += [*_sizes(result["sizes"]), *_held_out(result)]
     found += _time(result["seconds"], result["reading"])
     for way, own in result["ablation"].items():
@@ -118,11 +120,12 @@ def _sizes(sizes: Result) -> Iterator[Line]:
     yield covered
     if sizes["pull"] is not None:
         yield Line("errors by standard deviation, rms", f"{sizes['pull']:.2f}")
-    for key, told, goal in ("centres", "", 3.0), ("stiff", "stiff ", 6.0):
+    for key, which, goal in ("centres", "", 3.0), ("stiff", "stiff ", 6.0):
         if sizes[key]:
             middle = 1e3 * float(np.median(sizes[key]))
-            name = f"centre of {told}inclusions, median"
-            yield _value(name, middle, f"{middle:.1f} mm", "<=", goal, "mm")
+            name = f"centre of {which}inclusions, median"
+            told = f"{middle:.1f} mm of {len(sizes[key])}"
+            yield _value(name, middle, told, "<=", goal, "mm")
 
 
 def _held_out(result: Result) -> Iterator[Line]:

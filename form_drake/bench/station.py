@@ -36,7 +36,8 @@ def _recorded(name: str, acting: str, seed: int, *, unseen: bool) -> Recording:
     acts = acting in CATALOGUE and acting in PROBES[name]
     effects = f"{{id: {acting}, coefficient: {HIDDEN[acting]}}}" if acts else ""
     dx = load_scenario(name).solver.dx / FINER
-    changes = (f"solver.dx={dx:g}", f"measure.seed={seed}")
+    seeds = (f"measure.{of}seed={seed}" for of in ("", "sensor.", "torque."))
+    changes = (f"solver.dx={dx:g}", *seeds)
     scenario = load_scenario(name, (f"specimen.effects=[{effects}]", *changes))
     made = record(prepare(held_out(scenario) if unseen else scenario))
     return made.measured_by("sensor")

@@ -15,7 +15,7 @@ from form_drake.diagnose.thresholds import likeness
 from form_drake.diagnosis_folder import write_diagnosis
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
-from form_drake.files import about, target_folder, whole_folder
+from form_drake.files import about, spare, target_folder, whole_folder
 from form_drake.identify.stated import of_one_material
 from form_drake.laws import law_named
 from form_drake.material import read_material
@@ -59,6 +59,7 @@ class Diagnose:
     def run(self) -> None:
         """Diagnose, write report, discrepancy.json and material.yaml, print the verdict."""
         out = target_folder(self.out or Path("runs/diagnose"))
+        spare(out, *self.recording, *self.holdout, self.material, self.effects, self.nulls)
         device(self.device)
         if self.placebo is not None and (self.placebo < 0 or not self.holdout):
             raise ValueError(

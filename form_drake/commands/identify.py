@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import tyro
 
 from form_drake.commands.output import Assignments, assignments, emit, out_file, say
-from form_drake.files import target_folder, whole_folder, write_json
-from form_drake.identify import WeakOptions, identify
+from form_drake.files import spare, target_folder, whole_folder, write_json
+from form_drake.identify import WeakOptions, chosen_method, identify
 from form_drake.laws import load
 from form_drake.records import Recording, read
 from form_drake.weak_report import weak_report
@@ -77,6 +77,7 @@ class Identify:
             out = out_file(self.out, ".yaml", ".yml")
         else:
             out = target_folder(Path("runs/identify"))
+        spare(out, *self.recording, self.laws)
         report = None if self.report is None else out_file(self.report, ".html", option="--report")
         if not self.recording:
             raise ValueError("no recording is given: the PATH of one or more .h5 or .npz files")
@@ -85,6 +86,9 @@ class Identify:
         if self.laws is not None:
             load(self.laws)
         recordings = [read(path) for path in self.recording]
+        weak = chosen_method(recordings, self.method, self.observe) == "weak"
+        if report is not None and not weak:
+            raise ValueError("--report belongs to the weak form: add --method weak")
         answer = identify(
             recordings,
             self.law,
@@ -101,8 +105,6 @@ class Identify:
             weak=self._weak(),
             twin=self._twin(recordings) if self.twin else None,
         )
-        if report is not None and answer.weak is None:
-            raise ValueError("--report belongs to the weak form: add --method weak")
         if self.out is not None:
             answer.material.write(out)
         else:

@@ -14,7 +14,7 @@ from form_drake.diagnose import Model, Scenes
 from form_drake.diagnose.verify import there
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
-from form_drake.files import about, target_folder, whole_folder, write_json
+from form_drake.files import about, spare, target_folder, whole_folder, write_json
 from form_drake.laws.values import finite
 from form_drake.material import Material, read_material
 from form_drake.motion import body
@@ -90,6 +90,7 @@ class Predict:
             out = out_file(self.out, ".h5", ".hdf5")
         else:
             out = target_folder(Path("runs/predict"))
+        spare(out, self.material, self.recording, self.effects)
         material, recording = read_material(self.material), read(self.recording)
         device(self.device)
         if self.dx is not None and not 0.0 < self.dx < np.inf:

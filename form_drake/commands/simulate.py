@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Changes, device, emit, out_file, run_in, say
 from form_drake.effects import catalogue
-from form_drake.files import target_folder, whole_folder, write_json, write_text
+from form_drake.files import spare, target_folder, whole_folder, write_json, write_text
 from form_drake.material import read_material
 from form_drake.records import Recording, read_recording, write_recording
 
@@ -85,6 +85,7 @@ class Simulate:
         if seen:
             scenario = seen_by_cameras(scenario)
         out = target_folder(self.out or Path("runs") / scenario.name)
+        spare(out, Path(self.scenario), self.material, self.effects)
         hidden = truth(scenario)
         told = (lambda url: say(f"live view: {url}")) if self.live else None
         meshcat = shown(told) if self.page or self.live else None

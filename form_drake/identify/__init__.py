@@ -54,6 +54,15 @@ def default_method(recording: Recording) -> Method:
 
 
 @single
+def chosen_method(
+    recordings: Sequence[Recording], method: Method | None, observe: Observe | None
+) -> Method:
+    """The method that is asked for, or the first that recordings allow."""
+    if method is None and observe is not None:
+        return "rollout" if observe == "positions" else "step"
+    return method or ("weak" if len(recordings) > 1 else default_method(recordings[0]))
+
+
 def identify(
     recording: Recording | Sequence[Recording],
     law: str | None = None,
@@ -105,10 +114,8 @@ def identify(
     recordings = [r.measured_by(force) for r in recordings]
     of_one_material(recordings, law)
     first = recordings[0]
-    chosen = declared_law(first, law)
-    if method is None and observe is not None:
-        method = "rollout" if observe == "positions" else "step"
-    method = method or ("weak" if len(recordings) > 1 else default_method(first))
+    chosen = declared_law(next((r for r in recordings if r.law is not None), first), law)
+    method = chosen_method(recordings, method, observe)
     if method == "weak":
         flags = {
             "observe": observe is not None,

@@ -192,7 +192,8 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
             bias, mixed = np.zeros_like(bias), np.zeros_like(mixed)
         free = replace(free, covariance=free.covariance + mixed)
         refuse(problem, system, phi, free)
-    value = parameters(problem, phi - bias[: len(phi)], eta - bias[len(phi) :])[1]
+    freed = np.maximum(phi - bias[: len(phi)], problem.floors(system))
+    value = parameters(problem, freed, eta - bias[len(phi) :])[1]
     covariance = spread @ free.covariance @ spread.T
     given = {k: v for k, v in problem.unknowns.known.items() if k in problem.unknowns.law.keys}
     removed = dict(zip(keys, (point - value).tolist(), strict=True))

@@ -146,7 +146,8 @@ def faces(recording: Recording) -> tuple[Face, ...]:
     found = []
     for n, name in enumerate(FACES):
         words = stated.get(name, stated.get("other", "unknown")).split()
-        if not words or words[0] not in CONDITIONS or len(words) > 2:
+        most = 1 if words and words[0] in CONDITIONS[:2] else 2
+        if not words or words[0] not in CONDITIONS or len(words) > most:
             raise ValueError(
                 f"contact {name}: {' '.join(words)!r}; allowed are {', '.join(CONDITIONS)}, the last"
                 " three followed by the name of a tool or support"

@@ -93,6 +93,8 @@ def by_material(world: World, whole: Body) -> list[tuple[Material, Body]]:
     for part in world.inclusions:
         share = np.round(part.ball.share(whole.x, 2.0 * whole.half) * LEVELS) / LEVELS
         factor += (part.factor - 1.0) * share
+    if not factor.min() > 0.0:
+        raise ValueError("inclusions overlap where together they leave the body no stiffness")
     found = []
     for f in np.unique(factor):
         stiffer = {t.key: float(f) * world.values[t.key] for t in world.law.terms}

@@ -9,6 +9,7 @@ from form_drake.laws.values import check_moduli
 from form_drake.material import Material
 from form_drake.mpm.simulation import Body, Simulation
 from form_drake.records import Recording, rest_shape
+from form_drake.records.stepped import require_plain
 
 LOSS_EVERY = 5
 
@@ -76,11 +77,7 @@ def predict(
     for name in ("solver", "volume", "v_0"):
         if getattr(recording, name) is None:
             raise ValueError(f"the recording states no {name}, which a prediction needs")
-    if recording.body_force is not None or recording.mass_scale != 1.0:
-        raise ValueError(
-            "the recording states body_force or another mass_scale than 1, which a prediction would leave"
-            " out: take gravity alone, and masses as they are"
-        )
+    require_plain(recording)
     used = loss_frames(recording)
     if recording.valid is not None and not recording.valid[used].any():
         raise ValueError("no point is valid in any frame of the loss: nothing can be compared")

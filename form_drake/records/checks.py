@@ -96,6 +96,8 @@ def check_stream(name: str, stream: "Stream", shape: tuple[int | str, ...]) -> N
     if not all(hasattr(stream, part) for part in ("time", "value", "noise")):
         raise ValueError(f"{name}: a Stream is wanted, got {type(stream).__name__}")
     time, value = stream.time, stream.value
+    if time.ndim == 1 and not len(time):
+        raise ValueError(f"{name}: it holds no sample: leave it out")
     wanted = (len(time) if time.ndim == 1 else "samples", *shape)
     fits = value.ndim == len(wanted) and all(
         isinstance(w, str) or w == n for w, n in zip(wanted, value.shape, strict=True)

@@ -36,15 +36,16 @@ PLACES = {  # units by place, * for any name
     for f in fields(record)
     if "place" in f.metadata
 } | {
-    (*group, name): ""
-    for group, names in (
-        (("poses", "*"), ("time", "value")),
-        (("forces", "*"), ("time", "value")),
-        (("joints",), ("time", "value")),
-        (("cameras", "*"), tuple(f.name for f in fields(Camera))),
+    (*group, name): unit
+    for group, units in (
+        (("poses", "*"), {"time": "s", "value": ""}),
+        (("forces", "*"), {"time": "s", "value": "N"}),
+        (("joints",), {"time": "s", "value": "rad"}),
+        (("cameras", "*"), {f.name: "" for f in fields(Camera)} | {"K": "px", "size": "px"}),
     )
-    for name in names
+    for name, unit in units.items()
 }
+STREAMS = (("poses", "*"), ("forces", "*"), ("joints",))
 
 
 def write_recording(recording: Recording, path: Path) -> None:
@@ -178,13 +179,24 @@ def _refuse_unknown(file: h5py.File) -> None:
 
     def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
         path = tuple(name.split("/"))
+        noisy = any(len(path) == len(own) and _begins(own, path) for own in STREAMS)
+        known = {"noise"} if noisy else set()
+        known = known if isinstance(item, h5py.Group) else {"unit", "dims"}
+        if strange := sorted(set(item.attrs) - known):
+            words = ", ".join(sorted(known)) or "none"
+            raise ValueError(
+                f"{name[:60]}: unknown attribute {strange[0][:60]!r}: allowed are {words}"
+            )
         if isinstance(item, h5py.Group):
             return
         if not any(_begins(place, path) for place in PLACES):
             beside = ["/".join(p).replace("*", "NAME") for p in PLACES if p[0] == path[0]]
             allowed = beside or sorted({p[0] for p in PLACES})
             raise ValueError(f"unknown {name[:60]}: allowed are {', '.join(allowed)}")
-        unit = PLACES.get(path, "")
+        same = (
+            u for place, u in PLACES.items() if len(place) == len(path) and _begins(place, path)
+        )
+        unit = next(same, "")
         told = _text(item.attrs.get("unit", unit))
         if unit and told != unit:
             raise ValueError(f"{name}: the unit is {unit}, got {told[:60]!r}")

@@ -54,7 +54,9 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     Raises:
         ValueError: one line that says what is wrong; nothing is unpickled.
     """
-    existing(path)
+    with existing(path).open("rb") as start:
+        if start.read(2) != b"PK":
+            raise ValueError(f"{path}: not a readable npz file (it is no zip archive)")
     try:
         with zipfile.ZipFile(path) as archive:
             _check_headers(path, archive)

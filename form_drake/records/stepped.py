@@ -36,6 +36,7 @@ def stepped(recording: Recording) -> Stepped:
     Raises:
         ValueError: naming what the recording lacks.
     """
+    require_plain(recording)
     solver, volume, density = recording.solver, recording.volume, recording.density
     if solver is None:
         raise ValueError("the recording states no solver, which is needed here")
@@ -43,6 +44,19 @@ def stepped(recording: Recording) -> Stepped:
         missing = "volume" if volume is None else "density"
         raise ValueError(f"the recording states no {missing}, which is needed here")
     return Stepped(solver, volume, density)
+
+
+def require_plain(recording: Recording) -> None:
+    """Refuse what no solver's own steps hold.
+
+    Raises:
+        ValueError: forces beside gravity, or masses that are others.
+    """
+    if recording.body_force is not None or recording.mass_scale != 1.0:
+        raise ValueError(
+            "the recording states body_force or another mass_scale than 1, which steps of its solver would leave"
+            " out: take gravity alone, and masses as they are"
+        )
 
 
 def rest_shape(recording: Recording) -> np.ndarray:

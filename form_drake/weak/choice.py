@@ -45,13 +45,21 @@ def seen_through(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Windows [s] without a gap between frames, at these times [s], that is longer than half of them.
 
     What bridges a gap is no measurement.
+
+    Raises:
+        ValueError: there is none.
     """
     first, last = time[:-1] - time[0], time[1:] - time[0]
     wide = last - first > GAP * np.median(last - first)
     meets = (ends[:, :1] < last[wide]) & (ends[:, 1:] > first[wide])
     hidden = meets & (last - first > 0.5 * np.diff(ends))[:, wide]
     kept = ~hidden.any(axis=1)
-    return ends[kept] if kept.any() else ends
+    if not kept.any():
+        raise ValueError(
+            f"every window of {float(np.diff(ends[:1])[0, 0]):.3g} s lies over a gap between frames that is longer"
+            " than half of it: too many frames are missing"
+        )
+    return ends[kept]
 
 
 def told_apart(ends: np.ndarray, recording: Recording, fit: Fit) -> np.ndarray:

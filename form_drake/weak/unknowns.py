@@ -72,9 +72,11 @@ class Unknowns:
                 keys.append(key)
             shares.append(share)
         bound = [k for k in law.constants("yield") if k in known]
-        if bound and keys:
+        none = dict.fromkeys(law.keys, 0.0)
+        stiff = [k for k in keys if k == "E" or any(law.moduli({**none, k: 1.0}))]
+        if bound and stiff:
             raise ValueError(
-                f"{', '.join(bound)} is given while {', '.join(keys)} is sought: the elastic strain at"
+                f"{', '.join(bound)} is given while {', '.join(stiff)} is sought: the elastic strain at"
                 " yield would not be known; give the moduli as well, or leave it to be found"
             )
         offset = np.array([known.get(k, 0.0) for k in terms])
