@@ -255,7 +255,7 @@ def test_no_output_takes_the_place_of_what_is_read(capsys, files, here):
     for arguments in (
         ("diagnose", kept / "steps.h5", "--out", kept),
         ("predict", kept / "true.yaml", kept / "steps.h5", "--out", kept / "steps.h5"),
-        ("simulate", "press_a", "--material", kept / "true.yaml", "--out", kept.parent),
+        ("simulate", "press_a", "--material", kept / "true.yaml", "--out", kept),
     ):
         assert "which is read: choose another --out" in refusal(capsys, *arguments)
     assert (kept / "steps.h5").read_bytes() == (files / "steps.h5").read_bytes()

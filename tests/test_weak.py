@@ -390,6 +390,23 @@ def test_forces_may_be_stamped_late_for_others_to_find(exact, late):
         assert found.impulses(ends).sum(axis=1) == pytest.approx(whole, rel=1e-3)
 
 
+@pytest.mark.parametrize("rate", [1000.0, 240.0, 20.0, 10.0, 5.0])
+@pytest.mark.parametrize("gap", [0.0, 0.04, 0.1])
+def test_impulses_of_a_force_are_its_own_however_it_is_sampled(rate, gap):
+    """One that does not change, to what a trapezoidal rule leaves; one that does, to what is measured of it."""
+    time, ends = np.arange(0.0, 2.0 + 1e-9, 1.0 / rate), even(0.0, 2.0, 0.16, 0.08)
+    time = time[(time < 0.8) | (time > 0.8 + gap)]
+    whole = np.sum(np.diff(ends, axis=1)) / len(ends) * 128.0 / 315.0  # of (1 - s^2)^4
+    weights = Force(time, np.zeros((len(time), 3)), 0.0).impulses(ends)
+    assert weights.sum(axis=1) == pytest.approx(whole, rel=0.025 if rate == 20.0 else 2e-3)
+    if rate >= 240.0:
+        swing, every = np.sin(2.0 * np.pi * time), np.linspace(0.0, 2.0, 20001)
+        exact = Force(every, np.zeros((len(every), 3)), 0.0).impulses(ends)
+        assert weights @ swing == pytest.approx(
+            exact @ np.sin(2.0 * np.pi * every), abs=0.01 * whole
+        )
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_how_much_of_a_force_frames_cannot_follow(noise):
     time = np.arange(0.0, 2.0, 1e-3)

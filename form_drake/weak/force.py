@@ -1,8 +1,10 @@
 """Measured tool forces as right-hand sides c_j, with their noise (eq. 9 of the paper)."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.special import chdtri
 
 from form_drake.motion.body import Body
@@ -17,6 +19,10 @@ SAMPLED = 0.5  # of the time between frames, longest between samples of it
 # the larger share in any case
 HEARD, PRESSED, SURELY = 4.0, 0.01, 0.05
 FEW = 12  # samples from which their jitter tells their noise
+# of half a window: between samples that are too few to sample it, the same where they are uneven, and
+# between those that are put in
+FAR, FAR_UNEVEN, FINE = 0.8, 0.25, 0.1
+EVEN = 0.5  # of the usual time between samples, by which the times between them differ at most
 CLOCKS = 0.05  # [s] by which a force may be stamped late or early
 
 
@@ -41,16 +47,46 @@ class Force:
     def impulses(self, ends: np.ndarray) -> np.ndarray:
         """Weights w with int chi f dt = w f, shape [windows, samples].
 
-        Before the first stamp and after the last one, the force is what it was there.
+        Before the first stamp and after the last one, the force is what it was there, and goes straight from
+        one to the next that is far from it.
         """
         middle, half = ends.mean(axis=1)[:, None], 0.5 * np.diff(ends, axis=1)
         before, after = (_beyond(self.time, float(t)) for t in (ends.min(), ends.max()))
         time = np.concatenate([before, self.time, after])
-        found: np.ndarray = bump((time - middle) / half)[0] * trapezoid(time)
+        fine = _filled(time, float(half.min()))
+        found: np.ndarray = bump((fine - middle) / half)[0] * trapezoid(fine)
+        if len(fine) > len(time):
+            found = (_straight(time, fine).T @ found.T).T
         held = found[:, len(before) : len(before) + len(self.time)]
         held[:, 0] += found[:, : len(before)].sum(axis=1)
         held[:, -1] += found[:, len(time) - len(after) :].sum(axis=1)
         return held
+
+
+def _filled(time: np.ndarray, half: float) -> np.ndarray:
+    """Stamps, and others between those that are too far apart to sample a bump of this half-width [s]."""
+    if len(time) < 2:
+        return time
+    step = np.diff(time)
+    even = np.ptp(step) < EVEN * np.median(step)  # such serve a bump also where they are few
+    far = step > (FAR if even else FAR_UNEVEN) * half
+    if not far.any():
+        return time
+    count = np.where(far, np.ceil(step / (FINE * half)), 1.0).astype(int)
+    parts = [
+        np.linspace(a, z, n, endpoint=False)
+        for (a, z), n in zip(pairwise(time), count, strict=True)
+    ]
+    return np.append(np.concatenate([np.zeros(0), *parts]), time[-1:])
+
+
+def _straight(time: np.ndarray, fine: np.ndarray) -> csr_array:
+    """Weights of samples in what lies straight between them, shape [fine, samples]."""
+    n = np.clip(np.searchsorted(time, fine, "right") - 1, 0, len(time) - 2)
+    share = (fine - time[n]) / (time[n + 1] - time[n])
+    rows = np.tile(np.arange(len(fine)), 2)
+    weights = np.concatenate([1.0 - share, share])
+    return csr_array((weights, (rows, np.concatenate([n, n + 1]))), shape=(len(fine), len(time)))
 
 
 def followed(force: Force, frames: np.ndarray, splines: Splines) -> Force:
