@@ -47,7 +47,8 @@ class Specimen:
         material: values of the law's parameters (SI units), or of E and nu, and density [kg/m^3].
         known: parameters that are declared to the identification.
         faces: what is known of each face, see ``Recording.contact``.
-        contact: by body: a Coulomb coefficient, ``stick`` or ``bonded``.
+        contact: by body: a Coulomb coefficient, ``stick``, which is one without bound, or ``bonded``, which
+            does not let go.
         clamped: by face: length inside of a clamp there [m], which is neither simulated nor recorded.
         effects: that act beside the law, and of which the recording says nothing.
     """

@@ -131,7 +131,8 @@ class ParticleViewer(LeafSystem):
     def _publish(self, context: Context) -> EventStatus:
         frame = self.frame(context)
         if self.view.record:
-            self.frames[round(frame.time * self.view.rate)] = frame
+            now = round(frame.time * self.view.rate)
+            self.frames = {n: f for n, f in self.frames.items() if n < now} | {now: frame}
         low, high = self.limits(frame.value)
         seen = self._seen or (low, high)
         self._seen = (min(low, seen[0]), max(high, seen[1]))

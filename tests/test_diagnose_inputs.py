@@ -116,7 +116,7 @@ BAD = {  # what recordings lack, and what is said
     "no gravity": (lambda r: {"gravity": None}, "where there is none, state 0 0 0"),
     "no names of tools": (
         lambda r: {"contact": {"z-": "bonded", "z+": "bonded", "other": "free"}, "poses": {}},
-        'force of plate: no face names it in contact; name the face that it presses, such as {"z+":',
+        'no face names plate in contact; name the one that it holds, such as {"z+": "frictionless pl',
     ),
     "few samples of the force": (
         lambda r: {

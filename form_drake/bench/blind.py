@@ -158,12 +158,10 @@ def _verdict(case: Case, probes: Probes, *, placebo: int | None) -> dict[str, An
     keys = ("verdict", "failed", "doubts", "effects", "values", "gap", "unverified", "placebos")
     kept = {k: told[k] for k in (*keys, "removed")}
     passes = [
-        {
-            "residual": p["residual"],
-            "scores": {k: float(f"{v:.4g}") for k, v in p["scores"].items()},
-        }
+        {"residual": p["residual"], "scores": {k: _short(v) for k, v in p["scores"].items()}}
         for p in told["passes"]
     ]
+    first = found.naming.first or found.naming.passes[0]
     seconds = _worked() - begun  # without the ablation
     simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
     return {
@@ -172,7 +170,8 @@ def _verdict(case: Case, probes: Probes, *, placebo: int | None) -> dict[str, An
         "lesser": {way: _top(every) for way, every in simpler.items()},
         "named": found.naming.verdict,
         "passes": passes,
-        "limits": told["passes"][0]["limits"],
+        "scores": {s.effect.id: _short(s.score) for s in first.ranked},
+        "limits": {s.effect.id: s.limit for s in first.ranked},
         "reading": next(time for text, time in marks if text == ROLLED) - begun,
         "seconds": seconds,
     }
@@ -184,7 +183,11 @@ def _worked() -> float:
 
 
 def _top(found: Sequence[Score]) -> dict[str, float]:
-    return {s.effect.id: float(f"{s.score:.4g}") for s in found[:TOP]}
+    return {s.effect.id: _short(s.score) for s in found[:TOP]}
+
+
+def _short(score: float) -> float:
+    return float(f"{score:.4g}")
 
 
 def table(result: Mapping[str, Any]) -> str:

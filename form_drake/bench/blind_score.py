@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.bench.blind import sealed, verdicts
-from form_drake.bench.blind_sizes import SIZES, compared, limits
+from form_drake.bench.blind_sizes import SIZES, compared, first_scores, limits
 from form_drake.bench.blind_sizes import found as sized
 from form_drake.diagnose.verdict import LEAST
 from form_drake.effects import CATALOGUE
@@ -260,7 +260,7 @@ def _ablation(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[st
         kind, (effect, *_) = truth[one["id"]]["kind"], (*truth[one["id"]]["effects"], "")
         if kind not in ("single", "null") or not one.get("passes"):
             continue
-        tops = {**one.get("lesser", {}), "full": one["passes"][0]["scores"]}
+        tops = {**one.get("lesser", {}), "full": first_scores(one)}
         for way, found in tops.items():
             own = counts.setdefault(way, {"right": [0, 0], "false": [0, 0]})
             name, score = max(found.items(), key=lambda s: s[1], default=("", 0.0))
@@ -276,7 +276,7 @@ def _nulls(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, 
     found: dict[str, float] = {}
     for one in results:
         if truth[one["id"]]["kind"] == "null" and one.get("passes"):
-            for name, value in one["passes"][0]["scores"].items():
+            for name, value in first_scores(one).items():
                 found[name] = max(found.get(name, 0.0), value)
     return found
 
@@ -284,7 +284,7 @@ def _nulls(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, 
 def before(results: Sequence[Verdict], truth: Mapping[str, Truth]) -> dict[str, Any]:
     """Nulls and limits without what the grid has wrong, where that was told."""
     plain = [
-        {**one, "passes": [{"scores": one["lesser"]["uncorrected"]}], **one["before"]}
+        {**one, "scores": one["lesser"]["uncorrected"], **one["before"]}
         for one in results
         if "before" in one
     ]

@@ -150,7 +150,7 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
         if name == "inclusion":
             least *= (RADIUS * min(told["body"]["size"])) ** 3
         if abs(size) < LINEAR * least:
-            score = one["passes"][0]["scores"].get(name, 0.0)
+            score = first_scores(one).get(name, 0.0)
             share = named_from(effect, LEAST) / named_from(effect, score) if score else np.inf
             least_seen = size * share
             found.setdefault(name, []).append(float(abs(least_seen) / least))
@@ -159,6 +159,12 @@ def limits(results: Sequence[Mapping[str, Any]], truth: Mapping[str, Truth]) -> 
     told = {name: r if np.isfinite(r) else None for name, r in ratios.items()}
     counts = {name: len(found[name]) for name in ratios}
     return {"ratios": told, "cases": counts, "close": close, "of": len(ratios)}
+
+
+def first_scores(one: Mapping[str, Any]) -> Mapping[str, float]:
+    """Scores beside the bare twin; earlier verdicts hold those of their first pass, of what did not go again."""
+    told: Mapping[str, float] = one.get("scores") or one["passes"][0]["scores"]
+    return told
 
 
 def _anew(one: Mapping[str, Any], told: Truth) -> bool:

@@ -115,9 +115,3 @@ def _require_scene(recording: Recording, dx: float | None) -> None:
             "p_reference [m] is not stated: the first frame is as noisy as the others, and the body may sag"
             " in it; state where the points are in the body free of stress"
         )
-    lost = sorted(set(recording.forces) - {face.tool for face in shape.faces})
-    if lost:
-        raise ValueError(
-            f"force of {', '.join(lost)}: no face names it in contact; name the face that it presses,"
-            ' such as {"z+": "frictionless ' + lost[0] + '"}'
-        )

@@ -38,6 +38,7 @@ class Diagnosis:
         placebos: wrong effects beside those that were added, if they were asked for.
         removed: each of several effects taken out again.
         unverified: why held-out motions verify nothing; "": they do, or there are none.
+        lost: why held-out motion cannot be predicted with what was added, though without; "": it can.
         doubts: what stays open beside the verdict, in sentences; with one nothing is named without reserve.
     """
 
@@ -50,6 +51,7 @@ class Diagnosis:
     removed: tuple[Removed, ...] = ()
     unverified: str = ""
     doubts: tuple[str, ...] = ()
+    lost: str = ""
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -59,7 +61,8 @@ class Diagnosis:
     @cached_property
     def verdict(self) -> Verdict:
         """That of the naming, unless held-out motion does not bear it out."""
-        if self.naming.added and self.check and self.after and not self.check.stands(self.after):
+        refused = self.check and self.after and not self.check.stands(self.after)
+        if self.lost or (self.naming.added and refused):
             return "unnamed"
         if self.naming.verdict == "named" and self.doubts:
             return "ambiguous"
@@ -98,8 +101,8 @@ class Diagnosis:
                 return "Nothing stands out in these recordings, but there is a doubt."
             return "Nothing is missing: what is left is noise."
         if self.verdict == "unnamed":
-            if self.naming.failed:
-                return f"Something is missing. What comes nearest fails, {self.naming.failed}"
+            if failed := self.lost or self.naming.failed:
+                return f"Something is missing. What comes nearest fails, {failed}"
             tried = f" The nearest, {told}, does not explain it." if told else ""
             return f"Something is missing that is not in the catalogue.{tried}"
         if self.verdict == "ambiguous":
@@ -155,7 +158,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence(),
-            "failed": self.naming.failed or None,
+            "failed": self.lost or self.naming.failed or None,
             "doubts": list(self.doubts),
             "effects": effects,
             "values": dict(self.naming.model.values),
@@ -256,8 +259,7 @@ def _verified(
     try:
         after = check.before if fitted is None else check.predicted(fitted)
     except ValueError as error:
-        failed = f"held-out motion as predicted: {error}"
-        return replace(told, naming=replace(naming, verdict="unnamed", failed=failed))
+        return replace(told, lost=f"held-out motion as predicted: {error}")
     if naming.verdict != "unnamed" and not check.stands(after):
         progress("predicting the held-out motion on a finer grid")
         check, after = check.finer(naming.passes[0].match, fitted, after)

@@ -77,6 +77,7 @@ class Naming:
         verdict: ``unnamed``: something is missing that no effect explains, or none that can be
             simulated, or only more of them than ``MOST``, or more than noise is left.
         failed: the effect that was found last and cannot be simulated, and why; "": there is none.
+        first: the first pass as it was, whatever went again; None: as in ``passes``.
     """
 
     passes: tuple[Found, ...]
@@ -84,6 +85,7 @@ class Naming:
     added: tuple[Cause, ...]
     verdict: Verdict
     failed: str = ""
+    first: Found | None = None
 
     @cached_property
     def model(self) -> Model:
@@ -113,9 +115,8 @@ def named(
         ValueError: a scene cannot be simulated.
     """
     progress(ROLLED)
-    begun = Match.of(problem, scenes, start)
-    match, passes, failed = matched(begun, rough=True), list[Found](), ""
-    gone = set[str]()
+    match = matched(Match.of(problem, scenes, start), rough=True)
+    passes, failed, gone, begun = list[Found](), "", set[str](), None
     while True:
         progress("scoring effects")
         sought = [e for e in effects if e.id not in gone]
@@ -125,6 +126,7 @@ def named(
         except ValueError as error:
             found, after, failed = replace(found, best=found.seen[0]), None, str(error)
         passes.append(replace(found, match=found.match.lighter))
+        begun = begun or passes[0]
         if after is None:
             break
         match, passes, idle = shed(after, passes, thresholds)
@@ -136,7 +138,7 @@ def named(
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
-    return Naming(tuple(passes), match, added, verdict, failed)
+    return Naming(tuple(passes), match, added, verdict, failed, begun)
 
 
 def simulated(passes: Sequence[Found], match: Match) -> float:

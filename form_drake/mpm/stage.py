@@ -137,10 +137,23 @@ class Stage:
                     f"poses of {face.tool} are stamped {stamps} s, the frames {last} s: they must"
                     " cover the frames"
                 )
+        self._require_named(shape)
         held = [f for f in shape.faces if f.condition != "free"]
         if not held:
             raise ValueError("all faces are free: a block that nothing holds is not simulated")
         return held
+
+    def _require_named(self, shape: Shape) -> None:
+        """Refuse tools of which no face says that it is theirs: they would stand still, or feel nothing."""
+        named = {f.tool for f in shape.faces}
+        lost = sorted(set(self.recording.forces) - named)
+        if any(f.condition != "free" and not f.tool for f in shape.faces):
+            lost += sorted(set(self.recording.poses) - named - set(lost))
+        if lost:
+            raise ValueError(
+                f"no face names {', '.join(lost)} in contact; name the one that it holds, such as"
+                f' {{"z+": "frictionless {lost[0]}"}}'
+            )
 
     def _grid(self, shape: Shape, held: list[Face]) -> tuple[float, dict[int, float]]:
         """A spacing near ``dx`` [m], and places a quarter of a cell off nodes [m], by axis.

@@ -1,9 +1,9 @@
 """Kernels of what rigid tools and the material give each other.
 
 A tool pushes particles before they are scattered: a particle of which the ball of its size reaches
-into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, pulling only
-where the tool is said to stick. Along the surface it is held where it touched: s being how far it has
-gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, beyond which s grows no more. A
+into the tool by a depth gets the velocity change beta depth / dt - u_n along the normal, if that pushes:
+also a tool that sticks lets go of what leaves it. Along the surface it is held where it touched: s being how far it has
+gone from there, it gets -(u_t + beta s / dt), up to Coulomb's bound, which a tool that sticks has not; beyond it s grows no more. A
 bonded tool prescribes the velocity of the grid nodes inside it (on a grid over the rest shape, of those
 that it held at rest). Every impulse given to the material is taken from the tool, so that momentum is
 kept to round-off. Flat plates are others over the rest shape, see ``form_drake.mpm.plates``.
