@@ -24,6 +24,7 @@ from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS, Constant
 from form_drake.material import Acting, Material
 from form_drake.motion import Motion, body
+from form_drake.mpm.bodies import block, by_material
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
 from form_drake.weak.fields import Sampled
@@ -557,3 +558,13 @@ def test_an_effect_of_ones_own_that_cannot_be_sought_is_one_line(tmp_path, more,
     )
     with pytest.raises(ValueError, match=f"{path}.*{told}"):
         load(path, CATALOGUE)
+
+
+def test_soft_inclusions_that_leave_no_stiffness_together_are_refused():
+    place = {"x": 0.0, "y": 0.0, "z": 0.01, "radius": 0.006}
+    once = CATALOGUE["inclusion"].world(STAGE.world(SOFT), -0.6, place)
+    middle = np.array([0.0, 0.0, 0.01])
+    whole = block(middle, np.full(3, 0.02), 0.002, 1000.0)
+    assert by_material(once, whole)
+    with pytest.raises(ValueError, match="together they leave the body no stiffness"):
+        by_material(CATALOGUE["inclusion"].world(once, -0.6, place), whole)

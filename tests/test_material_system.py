@@ -273,6 +273,18 @@ def test_a_gltf_file_stands_as_in_drake(tmp_path):
     assert inside.tolist() == [True] * len(corners) + [False] * len(corners)
 
 
+def test_a_mesh_that_looks_inwards_is_as_solid_as_another(tmp_path):
+    cube = trimesh.creation.box((0.04, 0.04, 0.04))
+    cube.invert()
+    cube.export(tmp_path / "inward.obj")
+    inside = solid(Mesh(str(tmp_path / "inward.obj")), 2.5e-3).distance(np.zeros((1, 3)))
+    assert inside == pytest.approx(-0.02, abs=1e-3)
+    cube.faces[0] = cube.faces[0][::-1]
+    cube.export(tmp_path / "both.obj")
+    with pytest.raises(ValueError, match="its triangles look to both sides of its surface"):
+        solid(Mesh(str(tmp_path / "both.obj")), 2.5e-3)
+
+
 def test_a_soft_mesh_may_be_large_and_off_its_origin(tmp_path):
     """Its default grid is that of a box of its size."""
     path = str(tmp_path / "base.obj")
