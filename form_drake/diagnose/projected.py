@@ -117,6 +117,10 @@ class Projected(ABC):
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
         columns = self.changes(cause.effect, cause.beside)
+        if (
+            cause.effect.columnless
+        ):  # at another shape it is changed as a whole, at this one not at all
+            columns[:, 1:] *= [dict(shape) != dict(cause.shape) for shape in cause.beside[1:]]
         turns = (columns[:, 2::2] - columns[:, 1::2]) / np.ptp(cause.ends, axis=1)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
 
