@@ -301,4 +301,9 @@ def _covariance(law: Law, entry: Any) -> tuple[tuple[str, ...], np.ndarray]:
         np.abs(matrix - matrix.T) > 1e-9 * np.outer(size, size)
     ):
         raise ValueError("covariance: it must be symmetric with a diagonal that is not negative")
+    scaled = matrix / np.maximum(np.outer(size, size), 1e-300)
+    if np.linalg.eigvalsh(scaled).min() < -1e-6:
+        raise ValueError(
+            "covariance: no set of deviations is correlated like that: it has negative eigenvalues"
+        )
     return keys, matrix

@@ -123,6 +123,10 @@ MATERIALS = {
     "covariance ragged": (GOOD + "covariance: {keys: [mu, lam], values: [[1], [1, 2]]}", "covar"),
     "covariance shape": (GOOD + "covariance: {keys: [mu, lam], values: [[1]]}", "covariance: "),
     "covariance NaN": (GOOD + "covariance: {keys: [mu], values: [[.nan]]}", "must be finite"),
+    "covariance of none": (
+        GOOD + "covariance: {keys: [mu, lam], values: [[1, 5], [5, 1]]}",
+        "negative eigenvalues",
+    ),
     "covariance negative": (GOOD + "covariance: {keys: [mu], values: [[-1]]}", "not negative"),
     "covariance skew": (
         GOOD + "covariance: {keys: [mu, lam], values: [[1, 0.5], [-0.5, 1]]}",

@@ -10,7 +10,7 @@ import pytest
 
 from form_drake import Recording, Solver, Wall, read, read_material
 from form_drake.files import whole_folder
-from form_drake.records import Camera, States, Stream, framed, write_recording
+from form_drake.records import Camera, States, Stream, degraded, framed, write_recording
 from helpers.files import assert_same, refused, write_nclaw
 
 FRAMES, POINTS = 6, 5
@@ -513,6 +513,28 @@ def test_attributes_and_units_that_nobody_would_read_are_refused(
     with h5py.File(path, "a") as file:
         file[place].attrs[name] = value
     refused(path, told)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"rest": np.array([[0.5, 0.1]])}, "rest: each interval is a start and a later end"),
+        ({"face": 0.9 + np.zeros(POINTS)}, "face: whole numbers are wanted"),
+    ],
+)
+def test_statements_that_make_no_sense_are_refused(change, told):
+    plain = full_recording()
+    with pytest.raises(ValueError, match=told):
+        Recording.from_arrays(plain.time, np.nan_to_num(plain.p_WQ), **change)
+
+
+def test_noise_is_added_to_points_that_have_a_rest_shape():
+    still = full_recording()
+    p_WQ, valid = np.nan_to_num(still.p_WQ), np.ones(still.p_WQ.shape[:2], dtype=bool)
+    p_WQ[0, 2], valid[0, 2] = np.nan, False
+    lost = Recording.from_arrays(still.time, p_WQ, valid=valid)
+    with pytest.raises(ValueError, match="1 points are not seen in the first frame"):
+        degraded(lost, 1e-5, 0)
 
 
 def test_a_stream_without_samples_is_refused():

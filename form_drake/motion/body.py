@@ -9,6 +9,8 @@ from form_drake.effects.effect import CONDITIONS
 from form_drake.records import Recording
 from form_drake.records.recording import FACES
 
+JITTER = 5e-5  # [m] over which the logged poses of a tool that stands still may go
+
 
 @dataclass(frozen=True)
 class Face:
@@ -170,7 +172,8 @@ def faces(recording: Recording) -> tuple[Face, ...]:
         pose = recording.poses.get(face.tool)
         if pose is None or face.tool in recording.forces or face.condition == "bonded":
             continue  # what is bonded to a support may be shaken: the fields vanish there
-        if _moves(pose.value):
+        ends = recording.time[[0, -1]]
+        if _moves(pose.value[(pose.time >= ends[0]) & (pose.time <= ends[1])]):
             raise unmeasured(face)
     return tuple(found)
 
@@ -184,5 +187,5 @@ def unmeasured(face: Face) -> ValueError:
 
 
 def _moves(X_WT: np.ndarray) -> bool:
-    """Whether a tool is carried by more than a micrometre."""
-    return bool(np.ptp(X_WT[:, :3, 3], axis=0).max() > 1e-6)
+    """Whether a tool is carried by more than a log jitters."""
+    return len(X_WT) > 0 and bool(np.ptp(X_WT[:, :3, 3], axis=0).max() > JITTER)

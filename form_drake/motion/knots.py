@@ -116,6 +116,8 @@ def chosen_space(
 
     ``noise`` is the standard deviation of a coordinate [m].
     """
+    if not np.any(u[valid]):
+        raise ValueError("no point moves at all: there is no motion to read")
     u, valid = looked_at(u, valid, noise)
     floor = 1e-9 * float(np.sqrt(np.mean(u[valid] ** 2)))
     bases = _Bases(X, u, valid, body, noise)

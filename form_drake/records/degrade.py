@@ -63,6 +63,11 @@ def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
     level = None if recording.noise is None else float(np.hypot(recording.noise, sigma))
     seen = recording.on_surface and recording.p_reference is None
     reference, covariance = None if seen else recording.reference, recording.covariance
+    if reference is not None and (lost := int(np.sum(~np.isfinite(reference).all(axis=1)))):
+        raise ValueError(
+            f"added noise: {lost} points are not seen in the first frame, which is their rest shape: state"
+            " p_reference, or leave them out"
+        )
     if covariance is not None:
         covariance = covariance + sigma**2 * np.eye(3)
     moved = replace(recording, p_WQ=recording.p_WQ + noise, p_reference=reference)

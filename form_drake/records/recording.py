@@ -189,6 +189,8 @@ class Recording:
                 (np.asarray(positive) > 0) & np.isfinite(positive)
             ):
                 raise ValueError(f"{name}: must be positive and finite")
+        if self.rest is not None and np.any(self.rest[:, 1] <= self.rest[:, 0]):
+            raise ValueError("rest: each interval is a start and a later end [s]")
         if not 0 < self.mass_scale < np.inf:
             raise ValueError(f"mass_scale: must be positive and finite, got {self.mass_scale}")
         if self.face is not None and not np.all((self.face >= -1) & (self.face < len(FACES))):
@@ -231,7 +233,7 @@ class Recording:
         """
         for f in fields(cls):
             if "kind" in f.metadata and rest.get(f.name) is not None:
-                rest[f.name] = np.asarray(rest[f.name], dtype=_dtype(f.metadata["kind"]))
+                rest[f.name] = _cast(f.name, rest[f.name], f.metadata["kind"])
         return cls(time=np.asarray(time, dtype=float), p_WQ=np.asarray(p_WQ, dtype=float), **rest)
 
     def measured_by(self, source: str) -> "Recording":
@@ -272,6 +274,13 @@ class Recording:
     def reference(self) -> np.ndarray:
         """Stress-free positions [m], shape [points, 3]."""
         return self.p_WQ[0] if self.p_reference is None else self.p_reference
+
+
+def _cast(name: str, value: Any, kind: str) -> np.ndarray:
+    found = np.asarray(value, dtype=_dtype(kind))
+    if kind == "i" and not np.array_equal(found, np.asarray(value)):
+        raise ValueError(f"{name}: whole numbers are wanted")
+    return found
 
 
 def _dtype(kind: str) -> Any:

@@ -160,7 +160,11 @@ def chosen_pressure(
 def traction_free(fields: Sequence[Fields]) -> tuple[int, ...]:
     """Both directions across a strip, where bending fields alone are used."""
     if all(isinstance(f, BendFields) for f in fields):
-        (axis,) = {f.axis for f in fields if isinstance(f, BendFields)}
+        axis, *more = {f.axis for f in fields if isinstance(f, BendFields)}
+        if more:
+            raise ValueError(
+                "a strip is bent along two of its axes: read one of the recordings alone"
+            )
         return tuple(a for a in range(3) if a != axis)
     return ()
 
