@@ -12,6 +12,8 @@ from form_drake.identify import WeakOptions
 from form_drake.identify.worth import at_bound
 from form_drake.laws import law_named
 from form_drake.material import Material
+from form_drake.motion import body
+from form_drake.weak.families import bend
 
 SIZE = np.array([0.02, 0.02, 0.015])  # [m]
 FPS, LAST = 50, 1.0
@@ -185,3 +187,26 @@ def test_what_is_derived_of_a_value_near_zero_is_as_uncertain_as_it():
     law = law_named("neo-hookean")
     made = Material(law, {"C10": 1e-9, "kappa": 1e9}, keys=("C10",), covariance=np.array([[1e6]]))
     assert made.parameters()["E"].std == pytest.approx(6e3, rel=1e-3)
+
+
+def test_bending_fields_are_even_where_a_tool_pushes_however_it_came_there():
+    """From beyond the free end, say: where it does not press, it does no work."""
+    time = np.linspace(0.0, 1.0, 41)
+    X = np.indices((3, 3, 9)).reshape(3, -1).T * [0.006, 0.002, 0.0125]
+    ways = {"along": np.interp(time, [0.0, 0.4], [-0.03, 0.03]), "there": np.full(41, 0.03)}
+    ramps = []
+    for way in ways.values():
+        pose, force = np.tile(np.eye(4), (41, 1, 1)), np.zeros((41, 3))
+        pose[:, 2, 3], force[time > 0.5, 0] = way, 1.0
+        made = Recording.from_arrays(
+            time,
+            np.tile(X, (41, 1, 1)),
+            density=1000.0,
+            geometry={"shape": "box", "low": "0 0 0", "high": "0.012 0.004 0.1"},
+            contact={"z+": "bonded clamp", "x+": "touched finger", "other": "free"},
+            poses={"finger": Stream(time, pose)},
+            forces={"finger": Stream(time, force, noise=0.01)},
+        )
+        (field,) = bend(made, body(made))
+        ramps.append(field.ramps)
+    assert np.allclose(*ramps) and ramps[0][0][0] > 0.3

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from form_drake.motion import Body, Face, Fit, Sampling
+from form_drake.motion.poses import Poses
 from form_drake.records import Recording
 from form_drake.weak.axial import AxialFields
 from form_drake.weak.bend import BendFields
@@ -13,6 +14,7 @@ from form_drake.weak.bend_curl import BendCurlFields
 from form_drake.weak.choice import MOST_ROWS, bent
 from form_drake.weak.curl import CurlFields
 from form_drake.weak.fields import BoxFields, Fields
+from form_drake.weak.force import pressed
 from form_drake.weak.grid import DEGREE, grid_fields
 from form_drake.weak.reach import usable
 from form_drake.weak.unknowns import Unknowns
@@ -150,8 +152,10 @@ def bend(
             continue
         axis, side = held[0].axis, held[0].side
         ends, length = (shape.low, shape.high), shape.high[axis] - shape.low[axis]
-        tool = recording.poses[face.tool].value[:, axis, 3]
-        reach = float(np.abs(tool - ends[1 - side][axis]).min()) / length + BESIDE
+        reach = (
+            _pushed(recording, face.tool, axis, ends[1 - side][axis], 1 if side else -1) / length
+        )
+        reach = max(reach, 0.0) + BESIDE
         ramps = tuple((reach + (1.0 - reach) * lo, reach + (1.0 - reach) * hi) for lo, hi in BENDS)
         breaks = [np.array([a, z]) for a, z in zip(*ends, strict=True)]
         breaks[axis] = np.linspace(ends[0][axis], ends[1][axis], CELLS_ALONG + 1)
@@ -169,6 +173,13 @@ def bend(
             )
         )
     return found
+
+
+def _pushed(recording: Recording, tool: str, axis: int, free: float, sign: int) -> float:
+    """How far from the free end of a strip a tool pushes at most [m]; below zero it is beyond."""
+    pose = Poses(recording.poses[tool]).at(recording.time)[:, axis, 3]
+    pushes = pressed(recording, tool)
+    return float(np.max(sign * (pose[pushes] if pushes.any() else pose) - sign * free))
 
 
 def _mean_face(
