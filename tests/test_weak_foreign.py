@@ -1,5 +1,6 @@
 """A block of rubber under a plate as a person would hand it in, and what is refused of it."""
 
+import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from form_drake import Recording, Stream, Unidentifiable, identify
+from form_drake import Recording, Stream, Unidentifiable, identify, read_material
 from form_drake.identify import WeakOptions
 from form_drake.identify.worth import at_bound
 from form_drake.laws import law_named
@@ -210,3 +211,13 @@ def test_bending_fields_are_even_where_a_tool_pushes_however_it_came_there():
         (field,) = bend(made, body(made))
         ramps.append(field.ramps)
     assert np.allclose(*ramps) and ramps[0][0][0] > 0.3
+
+
+def test_bias_takes_no_coefficient_below_its_floor(monkeypatch, tmp_path):
+    """Else what is written could not be read again."""
+    found = (np.full(1, 1e9), np.zeros((1, 1)))
+    module = importlib.import_module("form_drake.identify.weak")
+    monkeypatch.setattr(module, "noise_bias", lambda *arguments: found)
+    answer = identify(pulled(), "neo-hookean", known={"kappa": 1e8})
+    answer.material.write(tmp_path / "a.yaml")
+    assert 0.0 < read_material(tmp_path / "a.yaml").values["C10"] < 1.0
