@@ -77,6 +77,11 @@ def sensible(scenario: "Scenario", effects: Mapping[str, Effect]) -> None:
     for name, part in checked.items():
         with about(name):
             part.__post_init__()
+    if measure.rate * solver.period > 1.0 + 1e-6:
+        raise ValueError(
+            f"measure.rate: {measure.rate:g} Hz is more often than the material steps, every"
+            f" {solver.period:g} s (solver.period)"
+        )
     for name in ("sensor", "torque"):
         if (period := getattr(measure, name).period) > solver.period * (1.0 + 1e-9):
             raise ValueError(

@@ -259,7 +259,8 @@ def AddMaterial(
     if region.shape != (2, 3):
         raise ValueError(f"region: two corners are wanted, shape [2, 3], got {region.shape}")
     found = touching(plant, scene_graph, bodies, contact or {}, 0.5 * dx)
-    found = [t for t in found if reaches(plant, t, region)]
+    rest = over_rest(materials, grid)  # whose region holds the body at rest alone
+    found = [t for t in found if rest or reaches(plant, t, region)]
     gravity = plant.gravity_field().gravity_vector()
     parts, acting, friction = acted(materials, filled_with, gravity, effects)
     found = rubbing(found, friction)
@@ -271,7 +272,7 @@ def AddMaterial(
         dx=dx,
         mass_scale=mass_scale,
         **acting,
-        total=over_rest(materials, grid),
+        total=rest,
         precision=precision,
         device=device,
     )

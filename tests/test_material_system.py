@@ -273,6 +273,21 @@ def test_a_gltf_file_stands_as_in_drake(tmp_path):
     assert inside.tolist() == [True] * len(corners) + [False] * len(corners)
 
 
+def test_a_body_over_its_rest_falls_onto_a_floor_beyond_its_region():
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(
+        MultibodyPlantConfig(time_step=STEP, use_sampled_output_ports=False), builder
+    )
+    below, rough = RigidTransform([0, 0, -0.05]), CoulombFriction(0.4, 0.4)
+    plant.RegisterCollisionGeometry(plant.world_body(), below, Box(1.0, 1.0, 0.1), "floor", rough)
+    plant.Finalize()
+    high = RigidTransform([0.0, 0.0, 0.5])
+    system = AddMaterial(
+        builder, plant, scene_graph, SOFT, Box(EDGE, EDGE, EDGE), high, grid="rest", dx=EDGE / 4.0
+    )
+    assert [t.name for t in system.touching] == ["world"]
+
+
 def test_a_mesh_that_looks_inwards_is_as_solid_as_another(tmp_path):
     cube = trimesh.creation.box((0.04, 0.04, 0.04))
     cube.invert()

@@ -119,6 +119,11 @@ def test_the_text_of_a_scenario_is_a_scenario(tmp_path):
         ("press_a", ("panda.fingers=0.5",), "panda: the fingers are at 0.5 m: give 0 to 0.04"),
         ("press_a", ("panda.control_mode=torque",), "panda: control_mode 'torque' .* position"),
         ("press_a", ("measure.sensor.noise=[-0.005]",), "measure.sensor: .* must not be negative"),
+        (
+            "press_a",
+            ("measure.rate=2000",),
+            "measure.rate: 2000 Hz is more often than the material",
+        ),
         ("press_a", ("measure.torque.period=0",), "measure.torque: .* the period positive"),
         (
             "press_a",
