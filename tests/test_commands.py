@@ -252,10 +252,12 @@ def test_no_output_takes_the_place_of_what_is_read(capsys, files, here):
     for name in ("steps.h5", "true.yaml"):
         (kept / name).write_bytes((files / name).read_bytes())
     (kept / ".form-drake").touch()  # of a run that does not tell what it wrote
+    track = ("track", "pictures", "--calibration", "rig.yaml")
     for arguments in (
         ("diagnose", kept / "steps.h5", "--out", kept),
         ("predict", kept / "true.yaml", kept / "steps.h5", "--out", kept / "steps.h5"),
         ("simulate", "press_a", "--material", kept / "true.yaml", "--out", kept),
+        (*track, "--probe", kept / "steps.h5", "--out", kept / "steps.h5"),
     ):
         assert "which is read: choose another --out" in refusal(capsys, *arguments)
     assert (kept / "steps.h5").read_bytes() == (files / "steps.h5").read_bytes()

@@ -8,6 +8,7 @@ import tyro
 from tqdm import tqdm
 
 from form_drake.commands.output import device, emit, out_file, say
+from form_drake.files import spare
 from form_drake.records import read, write_recording
 
 GAPS = 5  # that are told one by one
@@ -42,6 +43,7 @@ class Track:
 
         device(self.device)
         out = out_file(self.out, ".h5", ".hdf5")
+        spare(out, self.calibration, self.probe, *self.images)
         page = None if self.report is None else out_file(self.report, ".html", option="--report")
         rig = Rig.read(self.calibration)
         beside = None if self.probe is None else read(self.probe)
