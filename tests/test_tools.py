@@ -179,6 +179,27 @@ def test_overlap_and_region_are_said():
         )
 
 
+@pytest.mark.parametrize("total", [False, True])
+def test_drag_slows_a_fall_that_no_tool_stops(total):
+    """v = -g / c (1 - exp(-c t)), of a block that meets nothing."""
+    body = block((0.0, 0.0, 0.0), SIZE, DX / 2, 1000.0)
+    made = Scene(
+        [Material(LAWS["fixed-corotated"], SOFT, 1000.0)],
+        [body],
+        (),
+        region=np.array([[-0.05] * 3, [0.05] * 3]),
+        dx=DX,
+        gravity=np.array([0.0, 0.0, -G]),
+        drag=20.0,
+        total=total,
+        precision="float64",
+    )
+    still = Motions.at_rest(np.empty((0, 3)))
+    end = made.advance(made.start(), still, 0.04, damping=10.0)
+    speed = -G / 30.0 * (1.0 - np.exp(-30.0 * 0.04))
+    assert end.state.v[:, 2] == pytest.approx(speed, rel=0.01)  # of first order in the step
+
+
 def test_two_bodies_push_each_other():
     """Two blocks of two laws fall onto each other; both keep their law and momentum is kept."""
     laws = (LAWS["fixed-corotated"], LAWS["neo-hookean"])

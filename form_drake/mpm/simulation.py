@@ -283,9 +283,8 @@ class Simulation:
     def _launch_step(self) -> None:
         n, dx = len(self.body.x), self._t.real(self.solver.dx)
         grid, clock, tools = self.grid, self._clock, self.tools
+        self._launch(decay(self.solver.precision), n, [clock, self._damping, self._v, self._C])
         if tools.tools:
-            calmed = [clock, self._damping, self._v, self._C]
-            self._launch(decay(self.solver.precision), n, calmed)
             moved = [self._x, self._v, self._C, self._T]
             tools.push(clock, dx, *moved, self._mass, self._half)
         grid.scatter(self._x, self._v, self._C, self._tau, self._T, clock, self._damping)
