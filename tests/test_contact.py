@@ -8,11 +8,14 @@ from scipy.optimize import brentq
 
 from form_drake.diagnose import Model
 from form_drake.diagnose.prepare import probe
+from form_drake.diagnose.reading import ProbeReading
+from form_drake.identify.problem import Problem
 from form_drake.laws import LAWS
 from form_drake.mpm.stage import Stage
 from form_drake.records import Recording, Stream
 from form_drake.weak.contact import OpenFields
 from form_drake.weak.errors import noise as noise_of
+from form_drake.weak.unknowns import Unknowns
 
 LAW, TRUTH = LAWS["neo-hookean"], {"C10": 5e3, "kappa": 20e3}
 EDGE, SECONDS, RATE = 0.02, 0.35, 120.0
@@ -116,7 +119,10 @@ def test_tracks_that_fold_a_body_tell_of_noise_that_is_understated(stated, told)
 
 
 def test_a_corner_that_folds_is_looked_at_and_no_more():
-    """Of a bonded face displacements are told, and no stress: tracks inside tell least of its corners."""
+    """Of a bonded face displacements are told, and no stress: tracks inside tell least of its corners.
+
+    Nor is there a stress for columns, which have a quadrature of their own.
+    """
     still = press(0.0)
     x, y, z = (still.reference / EDGE + [0.5, 0.5, 0.0]).T
     turned = (
@@ -130,3 +136,5 @@ def test_a_corner_that_folds_is_looked_at_and_no_more():
     assert made.motion.x[-1, corner, 2] == pytest.approx(0.43 * EDGE, rel=0.05)
     inside = made.motion.volume > 0.0
     assert not inside[corner] and 0.0 < made.motion.J[-1, inside].min() < 0.4
+    (reading,) = ProbeReading.of(Problem.of([made], Unknowns.of(LAW, {}, "law"), "row"), TRUTH)
+    assert len(reading.X) > len(made.motion.X) and np.isfinite(reading.now()).all()

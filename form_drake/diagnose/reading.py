@@ -16,7 +16,7 @@ from form_drake.weak.contact import HeldFields
 from form_drake.weak.integrals import Fixed
 from form_drake.weak.kernels import gathering, loaded
 from form_drake.weak.probe import Probe
-from form_drake.weak.ready import beside, quadrature_cells
+from form_drake.weak.ready import beside, quadrature_cells, unfolded
 from form_drake.weak.stress import elastic_part, unit_stresses
 
 STEP = 1e-4  # of a displacement, in differences
@@ -218,7 +218,8 @@ def _finely(probe: Probe) -> Probe:
         cells[n] = np.append(np.concatenate(inner), ends[-1])
     X, volume = beside(*body.gauss(cells, 2), probe.fields)
     density = float(motion.mass.sum() / motion.volume.sum())
-    return replace(probe, sampling=Sampling.of(probe.fit, probe.windows.time, X, volume, density))
+    made = Sampling.of(probe.fit, probe.windows.time, X, volume, density)
+    return replace(probe, sampling=unfolded(made, probe.fit))
 
 
 def _displaced(motion: Motion, displacement: Change, size: float) -> Motion:

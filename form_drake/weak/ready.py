@@ -61,8 +61,7 @@ def prepared(
             X, volume = halved(X, volume, X[:, exchange] - middle)
         found = Sampling.of(fit, time, X, volume, shape.density * recording.mass_scale)
         return replace(
-            found,
-            gradient=_unfolded(found, fit),
+            unfolded(found, fit),
             hessian=fit.space.scalar.hessian(X) if curved else None,
             pressure=supplied(recording, recording.pressure, fit, time, X),
             body_force=supplied(recording, recording.body_force, fit, time, X),
@@ -116,16 +115,16 @@ def _spoilt(recording: Recording, shape: Body) -> str:
     )
 
 
-def _unfolded(sampling: Sampling, fit: Fit) -> np.ndarray:
-    """Gradients of a sampling; none where a point without volume folds: tracks tell least of corners."""
+def unfolded(sampling: Sampling, fit: Fit) -> Sampling:
+    """Without gradients where a point without volume folds: tracks tell least of corners."""
     alone = np.flatnonzero(sampling.volume == 0.0)
     if not len(alone):
-        return sampling.gradient
+        return sampling
     X, none = sampling.X[alone], sampling.volume[alone]
     looks = Sampling.of(fit, sampling.time, X, none, sampling.density).motion(fit.c)
     gradient = sampling.gradient.copy()
     gradient[alone[looks.J.min(axis=0) <= 0.0]] = 0.0
-    return gradient
+    return replace(sampling, gradient=gradient)
 
 
 def _check(fields: Fields, motion: Motion) -> None:
