@@ -7,30 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from form_drake.diagnose import Cause, Model, Scenes
+from form_drake.diagnose import Cause, Scenes
 from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
-from form_drake.diagnose.motions import Block, noisy
+from form_drake.diagnose.motions import noisy
 from form_drake.diagnose.prepare import read
 from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
 from form_drake.effects.effect import LIGHT, SOFT
-from form_drake.laws import LAWS
 from form_drake.motion import body
-
-BLOCK = Block(size=(0.024, 0.022, 0.02), points=90)
-MODEL = Model(LAWS[BLOCK.law], {"C10": 4e3, "kappa": 15e3})
-
-
-@cache
-def begun(plate, seconds, **more):
-    """A twin beside noisy data of the same model."""
-    plan = BLOCK.press(plate, seconds, **more)
-    (made,) = Scenes.of((plan,)).rough.rolled(MODEL)
-    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
-    problem, _ = read(scenes, MODEL.law, {})
-    return Match.of(problem, scenes, MODEL)
-
+from helpers.twins import BLOCK, MODEL, begun
 
 SIMULATED = [  # plates, effects, and by how much their columns may turn from one grid to the other
     ("frictionless", "density", {}, 0.01),
@@ -97,9 +83,9 @@ def test_columns_beside_what_bends_them_are_made_once_on_the_way():
     drag, slow = (CATALOGUE[name] for name in ("drag", "relaxation"))
     model = MODEL.more(slow, 0.1, {"time": 0.2})
     bent = match.near(model)
-    assert bent.bent_own is None and bent.own_slopes is bent.near(model).own_slopes
+    assert bent.kept.own is None and bent.own_slopes is bent.near(model).own_slopes
     assert bent.near(model.more(drag, 2.0, {})).own_slopes is bent.own_slopes  # which bends nothing
-    assert bent.near(MODEL).bent_own is None and bent.anchored().bent_own is None
+    assert bent.near(MODEL).kept.own is None and bent.anchored().kept.own is None
     search = replace(Search.of(bent), mended=np.ones((len(bent.gap), 4)))
     assert not search.anchored().mended[:, :2].any() and search.anchored().mended[:, 2:].all()
 

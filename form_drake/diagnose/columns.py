@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from form_drake.diagnose.model import Model, Scenes
+from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.reading import ProbeReading
 from form_drake.effects import Effect, Shape
 from form_drake.effects.acting import failure
@@ -17,7 +17,8 @@ from form_drake.motion import Body
 from form_drake.records import Recording
 from form_drake.workers import forkable, mapped
 
-SITES = (0.25, 0.75)  # of a body along each axis, where effects are simulated that have a place
+SITES = (0.2, 0.5, 0.8)  # of a body along each axis, where effects are simulated that have a place
+CHANGE = 0.1  # of the size of what acts as a whole, in differences
 
 Key = tuple[str, tuple[object, ...]]  # of a column: the effect's id, and its shape or site
 Parts = tuple[dict[Key, Shape], np.ndarray]
@@ -76,16 +77,24 @@ class Columns:
             self._store(effect)[key] = column
 
     def _parts(self, effect: Effect, shapes: Sequence[Shape]) -> Parts:
-        return parts(effect, shapes, self.problem.probes[0].body, placed=_placed(effect))
+        return parts(effect, shapes, self.problem.probes[0].body, placed=self._placed(effect))
 
     def _store(self, effect: Effect) -> dict[Key, np.ndarray]:
         """Where its columns are kept: with other twins, or with this one alone."""
-        acts = any(c.effect is effect for c in self.model.causes)
-        return self.simulated if _placed(effect) or (effect.trial and not acts) else self._known
+        others = effect.trial and not self._acting(effect)
+        return self.simulated if self._placed(effect) or others else self._known
+
+    def _placed(self, effect: Effect) -> bool:
+        """Whether its columns are simulated at some places and taken evenly between them."""
+        here = not (effect.whole and self._acting(effect))
+        return bool(effect.trial) and "radius" in effect.shapes and here
+
+    def _acting(self, effect: Effect) -> list[Cause]:
+        return [c for c in self.model.causes if c.effect is effect]
 
     def _simulates(self, effect: Effect, shape: Shape) -> bool:
         """Whether a column is a difference of simulations, in which a law has an addition once."""
-        own = [dict(c.shape) for c in self.model.causes if c.effect is effect]
+        own = [dict(c.shape) for c in self._acting(effect)]
         once = effect.id in ADDITIONS and any(one != dict(shape) for one in own)
         return bool(effect.trial) and not once
 
@@ -115,14 +124,15 @@ class Columns:
     def _more(self, effect: Effect, shape: Shape) -> tuple[float, Model]:
         """A coefficient, and the model with so much more of an effect.
 
-        What has no column need not add up: if it acts, it takes another shape as a whole.
+        What need not add up, if it acts, takes another shape as a whole.
         """
-        for cause in self.model.causes if effect.columnless else ():
-            same = cause.effect is effect and cause.coefficient != 0.0
-            if same and dict(cause.shape) != dict(shape):
+        size = 0.0
+        for cause in self._acting(effect) if effect.whole else ():
+            if dict(cause.shape) != dict(shape) and cause.coefficient != 0.0:
                 others = self.model.without(cause)
                 return cause.coefficient, others.more(effect, cause.coefficient, shape)
-        size = self.model.trial(effect, self.problem.probes[0].body)
+            size = CHANGE * abs(cause.coefficient)
+        size = max(size, self.model.trial(effect, self.problem.probes[0].body), key=abs)
         return size, self.model.more(effect, size, shape)
 
 
@@ -173,24 +183,20 @@ def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) 
 
 
 def _around(effect: Effect, shapes: Sequence[Shape], body: Body) -> Parts:
-    """Eight places in a body, and the shares in which what is felt of a place is that of them.
+    """Places in a body, and the shares in which what is felt of another is that of them: by parabolas.
 
     They have the radius that was tried first: what is so small is felt as a point.
     """
     size, sites = body.high - body.low, dict[Key, Shape]()
     at = (np.array([[shape[k] for k in "xyz"] for shape in shapes]) - body.low) / size
-    part, shares = (at - SITES[0]) / (SITES[1] - SITES[0]), []
-    for corner in np.ndindex(2, 2, 2):
-        place = body.low + size * np.take(SITES, corner)
+    parabolas = np.linalg.solve(np.vander(SITES).T, np.vander(at.ravel(), len(SITES)).T)
+    along, shares = parabolas.reshape(len(SITES), *at.shape), []
+    for which in np.ndindex((len(SITES),) * 3):
+        place = body.low + size * np.take(SITES, which)
         there = {**dict(zip("xyz", place.tolist(), strict=True)), "radius": shapes[0]["radius"]}
-        sites[effect.id, corner] = there
-        shares.append(np.prod(np.where(corner, part, 1.0 - part), axis=1))
+        sites[effect.id, which] = there
+        shares.append(np.prod(along[which, :, range(3)], axis=0))
     return sites, np.array(shares)
-
-
-def _placed(effect: Effect) -> bool:
-    """Whether its columns are simulated at some places and taken evenly between them."""
-    return bool(effect.trial) and "radius" in effect.shapes
 
 
 def twin_of(

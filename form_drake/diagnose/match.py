@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
-from form_drake.diagnose.model import Model, Scenes, firm
+from form_drake.diagnose.kept import Kept
+from form_drake.diagnose.model import Cause, Model, Scenes, firm
 from form_drake.diagnose.noise import by_field, shaken, weighed
 from form_drake.diagnose.plates import Elsewhere
 from form_drake.diagnose.projected import Projected
@@ -56,7 +57,7 @@ class Match(Projected):
         bent: the same in coefficients of the fits [m], by probe; none where it is not known, or nothing.
         began: ``apart`` where the model was when ``grid`` and the noise were found.
         simulated: what simulated effects change, see ``Columns``; found once.
-        bent_own: columns of the law beside effects that bend them, of a twin nearby; None: they are made.
+        kept: columns of a twin nearby.
     """
 
     problem: Problem
@@ -69,7 +70,7 @@ class Match(Projected):
     bent: tuple[np.ndarray, ...] = field(default=(), repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
     simulated: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
-    bent_own: np.ndarray | None = field(default=None, repr=False)
+    kept: Kept = Kept()
 
     @classmethod
     def of(
@@ -98,8 +99,9 @@ class Match(Projected):
 
     def near(self, model: Model) -> "Match":
         twin = twin_of(self.problem, self.scenes.rough, model)
-        found = replace(self, twin=twin, model=model, bent_own=self._made_own)
-        return found if found.bending == self.bending else replace(found, bent_own=None)
+        found = replace(self, twin=twin, model=model, kept=self._made)
+        same = found.bending == self.bending
+        return found if same else replace(found, kept=replace(found.kept, own=None))
 
     def on(self, coarser: float) -> "Match":
         """With a twin on another grid and the same gap: what else that grid has wrong is told by the two.
@@ -110,7 +112,7 @@ class Match(Projected):
             return self
         scenes = replace(self.scenes, coarser=coarser)
         twin = twin_of(self.problem, scenes.rough, self.model)
-        found = replace(self, twin=twin, scenes=scenes, bent_own=self._made_own)
+        found = replace(self, twin=twin, scenes=scenes, kept=self._made)
         if self.grid is None:
             return found
         eta, theta = twin.coordinates(self.model.values)
@@ -137,7 +139,8 @@ class Match(Projected):
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
         rest = by_field(self.problem, np.repeat(share, rows) * grid)
         bent, by = _bent(finer, self.twin), noise.beside(rest)
-        found = replace(self, grid=grid, bent=bent, noise=noise, by=by, bent_own=None)
+        kept = replace(self._made, own=None)
+        found = replace(self, grid=grid, bent=bent, noise=noise, by=by, kept=kept)
         return replace(found, began=found.apart)
 
     @cached_property
@@ -192,8 +195,8 @@ class Match(Projected):
     @cached_property
     def own_slopes(self) -> np.ndarray:
         """By the twin's motion; beside effects that bend them with what simulations add to that."""
-        if self.bent_own is not None:
-            return self.bent_own
+        if self.kept.own is not None:
+            return self.kept.own
         plain = self.twin.jacobian(*self.twin.coordinates(self.model.values))
         return plain + self._simulated_slopes() if self.bending else plain
 
@@ -203,8 +206,19 @@ class Match(Projected):
         return [c.effect.id for c in self.model.causes if c.effect.bends]
 
     @property
-    def _made_own(self) -> np.ndarray | None:
-        return self.__dict__.get("own_slopes", self.bent_own) if self.bending else None
+    def _made(self) -> Kept:
+        """For twins nearby."""
+        own = self.__dict__.get("own_slopes", self.kept.own) if self.bending else None
+        if "slopes" not in self.__dict__:
+            return replace(self.kept, own=own)
+        columns = np.split(self.slopes, self.parts, axis=1)[1:]
+        pairs = zip(self.model.causes, columns, strict=True)
+        acting = [self.kept.of(c) or (c, made) for c, made in pairs if c.effect.whole]
+        return Kept(own, tuple(acting))
+
+    def _kept(self, cause: Cause) -> np.ndarray | None:
+        found = self.kept.of(cause)
+        return None if found is None else found[1]
 
     def _simulated_slopes(self) -> np.ndarray:
         """What the unknowns change of what the law leaves of its twin, shape [rows, unknowns]."""

@@ -66,11 +66,15 @@ class Cause(Known):
 
     @property
     def ends(self) -> np.ndarray:
-        """Shape parameters between which differences are taken, within their bounds, shape [parameters, 2]."""
+        """Shape parameters between which differences are taken, within their bounds, shape [parameters, 2].
+
+        From what acts as a whole: that is simulated already.
+        """
         keys, now = self.effect.shapes, np.array([self.shape[k] for k in self.effect.shapes])
         sizes = np.where([self.effect.positive(k) for k in keys], np.abs(now), np.inf)
         step = np.minimum(STEP * self.widths, 0.5 * sizes)
-        return np.stack([np.maximum(now - step, self._floors), now + step], axis=1)
+        less = now if self.effect.whole else np.maximum(now - step, self._floors)
+        return np.stack([less, now + step], axis=1)
 
     @property
     def _floors(self) -> np.ndarray:

@@ -25,6 +25,7 @@ class Projected(ABC):
     """Data beside a twin, in rows that ``white`` makes independent, of unit variance."""
 
     model: Model
+    entire = True  # whether columns of what acts as a whole are changes of all of it
 
     @property
     @abstractmethod
@@ -111,15 +112,30 @@ class Projected(ABC):
     def slopes(self) -> np.ndarray:
         """The same, not whitened."""
         own = self.own_slopes
-        self.learn([(c.effect, c.beside) for c in self.model.causes])
+        self.learn([(c.effect, c.beside) for c in self.model.causes if self._kept(c) is None])
         return np.hstack([own, *(self._slopes(cause) for cause in self.model.causes)])
+
+    def _kept(self, cause: Cause) -> np.ndarray | None:
+        """Columns of a cause's unknowns that were made beside another twin; None: they are made."""
+        return None
+
+    @property
+    def anew(self) -> np.ndarray:
+        """Which unknowns have columns that are simulated beside this very twin, shape [unknowns]."""
+        whole = self.entire
+        causes = [
+            np.full(c.unknowns, whole and c.effect.whole and self._kept(c) is None)
+            for c in self.model.causes
+        ]
+        return np.concatenate([np.zeros(self.own_slopes.shape[1], dtype=bool), *causes])
 
     def _slopes(self, cause: Cause) -> np.ndarray:
         """Columns of a cause's coefficient and shape parameters, shape [rows, unknowns]."""
+        kept = self._kept(cause)
+        if kept is not None:
+            return kept
         columns = self.changes(cause.effect, cause.beside)
-        if (
-            cause.effect.columnless
-        ):  # at another shape it is changed as a whole, at this one not at all
+        if cause.effect.whole and self.entire:  # as it is, nothing is changed
             columns[:, 1:] *= [dict(shape) != dict(cause.shape) for shape in cause.beside[1:]]
         turns = (columns[:, 2::2] - columns[:, 1::2]) / np.ptp(cause.ends, axis=1)
         return np.hstack([columns[:, :1], cause.coefficient * turns])
@@ -177,14 +193,14 @@ class Projected(ABC):
     def worth(self, n: int = -1) -> float:
         """What the gap's square would grow by without the n-th cause, all else refitted to first order.
 
-        What has no column may change nothing with its size, as a plate that sticks fast anyway, and much
+        What acts as a whole may change nothing with its size, as a plate that sticks fast anyway, and much
         by being there: the twin is simulated without it.
         """
         begin, cause = self.parts[n], self.model.causes[n]
         others = np.arange(len(self._seen))
         others = others[self._seen & ((others < begin) | (others >= begin + cause.unknowns))]
         own = cause.coefficient * self.explained[:, begin]
-        if cause.effect.columnless:
+        if cause.effect.whole:
             own = self.near(self.model.without(cause)).gap - self.gap
         basis = np.linalg.qr(self.explained[:, others])[0]
         own = own - basis @ (basis.T @ own)

@@ -144,6 +144,7 @@ class Search(Generic[M]):
             return replace(self, mended=taught, damping=damped, idle=idle)
         less = self.damping / LARGER
         damping = less if less > FIRST / LARGER else 0.0
+        taught = np.where(after.anew, 0.0, taught)
         return replace(self, match=after, mended=taught, damping=damping, idle=idle)
 
 

@@ -51,6 +51,7 @@ class Sight(Projected):
     origin: "Sight | None" = field(default=None, repr=False)
     known: dict[Key, np.ndarray] = field(default_factory=dict, repr=False)
     given: Collection[str] = ()
+    entire = False
 
     @classmethod
     def of(cls, scenes: Scenes, model: Model, given: Collection[str] = ()) -> "Sight":

@@ -147,6 +147,8 @@ class Effect:
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
         same: ids of effects that no recording tells from it: they are of one class whatever columns show.
+        whole: whether what it changes is no sum of what parts of it do. Of a ball that is stiffer little is
+            strained. What has no column is such.
     """
 
     id: str
@@ -171,12 +173,14 @@ class Effect:
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
     same: tuple[str, ...] = ()
+    whole: bool = False
 
     def __post_init__(self) -> None:
         if (self.world is None) == (self.sensor is None):
             raise ValueError(f"effect {self.id}: either world or sensor is wanted")
         if self.column is None and not self.trial > 0.0:
             raise ValueError(f"effect {self.id}: column or trial is wanted")
+        object.__setattr__(self, "whole", self.whole or self.column is None)
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
         if "radius" in self.shapes and set(self.shapes) != PLACE:

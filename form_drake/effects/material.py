@@ -202,6 +202,8 @@ INCLUSION = Effect(
     world=_inclusion_world,
     shown=("a press beside the middle",),
     least=-1.0,
+    trial=0.5,
+    whole=True,
     bends=True,
     shapes={"x": (), "y": (), "z": (), "radius": ()},  # of the body, so given by who seeks it
 )
