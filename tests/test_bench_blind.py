@@ -1,5 +1,6 @@
 """The blind bench: sealed sets, verdicts that are written once, and what they are worth."""
 
+import importlib
 import json
 import subprocess
 import sys
@@ -21,6 +22,9 @@ from form_drake.laws import LAWS
 from form_drake.records import write_recording
 
 ORACLES = Path(__file__).parent / "oracles"
+SEALS = sorted((Path(__file__).parents[1] / "docs" / "blind").rglob("key.sha256"))
+sys.path.insert(0, str(ORACLES))
+hidden = importlib.import_module("hidden_effects_cases")
 
 
 def oracle(name, *words):
@@ -50,6 +54,15 @@ def test_a_set_is_drawn_again_from_its_seed_and_tells_no_effect(drawn):
     first = next(iter(key.values()))
     first["effects"]["drag"] = {"c": 1.0}
     assert digest(key) != blind.sealed(drawn / "key-a.sha256")
+
+
+@pytest.mark.parametrize("seal", SEALS, ids=lambda path: path.parent.name)
+def test_a_seal_is_that_of_its_set(seal):
+    """Else no key could open it. What is hidden follows from the seeds."""
+    listed = json.loads((seal.parent / "set.json").read_text())
+    key = {one["id"]: hidden.case_of(one["seed"], one["kind"]) for one in listed}
+    assert all(key[name]["id"] == name for name in key)
+    assert digest(key) == blind.sealed(seal)
 
 
 def test_noise_is_in_the_files_and_stated(tmp_path):
