@@ -194,19 +194,22 @@ def score(name, size, **shape):
 
 
 class Fake:
-    """A search whose gap's square goes down along a list; None: the simulation breaks down."""
+    """A search whose gap's square goes down along a list; None: the simulation breaks down.
 
-    def __init__(self, squares):
-        self.squares = squares
-        gap = np.array([np.sqrt(squares[0])])
-        self.match = SimpleNamespace(gap=gap, excess=squares[0], excess_left=squares[0])
+    ``left`` is what a last step would leave of it; None: all.
+    """
+
+    def __init__(self, squares, left=None):
+        self.squares, self.left = squares, left
+        gap, left = np.array([np.sqrt(squares[0])]), squares[0] if left is None else left
+        self.match = SimpleNamespace(gap=gap, excess=squares[0], excess_left=left)
         self.settled = len(squares) == 1
         self.lighter = self
 
     def stepped(self):
         if self.squares[1] is None:
             raise ValueError("it broke down")
-        return Fake(self.squares[1:])
+        return Fake(self.squares[1:], self.left)
 
 
 @pytest.fixture
@@ -235,6 +238,21 @@ def test_the_nearest_simulation_wins_whatever_the_scores_say(course):
     ways |= {("drag",): [900.0, 28.0], ("damping",): [950.0, 30.0, 25.0, 20.0]}
     near, other = race.raced(match, seen)  # what is as near stays
     assert [r.score.effect.id for r in (near, other)] == ["damping", "drag"]
+
+
+def test_what_promises_most_runs_on_where_a_first_step_goes_too_far(course, monkeypatch):
+    match, ways = course
+    ways |= {
+        ("drag",): Fake([900.0, 400.0, 300.0]),
+        ("damping",): Fake([900.0, 950.0, 100.0, 20.0], left=10.0),
+        ("density",): Fake([900.0, 500.0, 490.0]),
+    }
+    monkeypatch.setattr(race.Search, "of", staticmethod(lambda search: search))
+    found = race.raced(
+        match, [score("drag", 500.0), score("damping", 490.0), score("density", 480.0)]
+    )
+    assert found[0].score.effect.id == "damping" and found[0].apart == pytest.approx(20.0)
+    assert "density" not in [runner.score.effect.id for runner in found]
 
 
 def test_what_lets_go_of_a_face_is_tried_wherever_it_is_seen(course):

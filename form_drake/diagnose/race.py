@@ -25,7 +25,7 @@ CLOSER = (0.5, 0.25)  # of the spacing of places, at which more are tried around
 BESIDE = 4.0  # widths of the shape parameters, within which starts are one
 MARGIN = 10.0  # of scores, within which effects are equally good
 PLAIN = 4.0  # of scores, up to which one of fewer shape parameters is taken for another like it
-ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires
+ROUNDS = (1, 1, 2)  # steps, after each of which the worse half retires, see ``_better``
 
 
 @dataclass(frozen=True)
@@ -108,13 +108,24 @@ def raced(
     for steps in ROUNDS:
         for _ in range(steps):
             runners = [runner.stepped() for runner in runners]
-        runners.sort(key=lambda runner: runner.apart)
-        most = runners[0].apart + MARGIN
-        runners = [r for n, r in enumerate(runners) if 2 * n < len(runners) or r.apart < most]
+        runners = _better(runners)
     first: dict[str, Runner[M]] = {}
     for runner in runners:
         first.setdefault(runner.score.effect.id, runner)
     return list(first.values())
+
+
+def _better(runners: Sequence[Runner[M]]) -> list[Runner[M]]:
+    """The nearer half, and what is as near as the nearest, the nearest first.
+
+    And the half of which a last step promises most: a first one may go too far, with the moduli.
+    """
+    half = (len(runners) + 1) // 2
+    nearest = sorted(runners, key=lambda runner: runner.apart)
+    stay = [id(r) for r in sorted(runners, key=lambda runner: runner.left)[:half]]
+    stay += [id(r) for r in nearest[:half]]
+    most = nearest[0].apart + MARGIN
+    return [r for r in nearest if r.apart < most or id(r) in stay]
 
 
 def field(seen: Sequence[Score], nearly: float = NEARLY) -> list[Score]:
