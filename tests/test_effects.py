@@ -437,6 +437,8 @@ def test_an_effect_is_of_the_world_or_of_a_sensor():
         replace(CATALOGUE["drag"], world=None)
     with pytest.raises(ValueError, match="two increasing sizes"):
         replace(CATALOGUE["drag"], prior=(1.0, 0.1))
+    with pytest.raises(ValueError, match="acts as a whole wants a trial"):
+        replace(CATALOGUE["inclusion"], trial=0.0)
 
 
 def test_a_delay_is_one_however_fast_the_force_goes():

@@ -148,7 +148,7 @@ class Effect:
         fits: whether it can be missing beside a law.
         same: ids of effects that no recording tells from it: they are of one class whatever columns show.
         whole: whether what it changes is no sum of what parts of it do. Of a ball that is stiffer little is
-            strained. What has no column is such.
+            strained. Where it acts it is simulated, by a ``trial``. What has no column is such.
     """
 
     id: str
@@ -180,6 +180,8 @@ class Effect:
             raise ValueError(f"effect {self.id}: either world or sensor is wanted")
         if self.column is None and not self.trial > 0.0:
             raise ValueError(f"effect {self.id}: column or trial is wanted")
+        if self.whole and not self.trial > 0.0:
+            raise ValueError(f"effect {self.id}: one that acts as a whole wants a trial")
         object.__setattr__(self, "whole", self.whole or self.column is None)
         if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
