@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from form_drake.bench.nulls import _again, _digest
 from form_drake.diagnose import Cause, Model, Nulls, Scenes, prepare
 from form_drake.diagnose import diagnosed as diagnosis
 from form_drake.diagnose.columns import twin_of
+from form_drake.diagnose.page import diagnosis_page
 from form_drake.diagnose.thresholds import likeness
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
@@ -86,12 +88,14 @@ def test_nothing_is_named_where_nothing_is_missing(files, capsys):
 
 def test_what_only_held_out_motion_shows_is_a_doubt(files):
     trained, unseen = (read(files / f"{name}.h5") for name in ("plain0", "late1"))
-    late = CATALOGUE["force-delay"]
-    known = {"effects": [late], "thresholds": {late.id: 16.0}}
+    nulls = Nulls.common()
+    known = {"effects": [CATALOGUE["force-delay"]], "thresholds": nulls.thresholds}
     found = diagnosis([trained], LAW, **known, holdout=[unseen], dx=DX)
     assert found.verdict == "none" and not found.naming.added
     (doubt,) = found.to_json()["doubts"]
     assert "off by more than noise, grid and moduli explain" in doubt
+    diagnosis_page(found, nulls).write(files / "doubt.html")
+    assert escape(doubt) in (files / "doubt.html").read_text()
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
