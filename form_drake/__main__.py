@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
@@ -155,6 +156,8 @@ def _unheard() -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     _open()
+    if arguments is None:  # this process is the command's own
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         _run(sys.argv[1:] if arguments is None else arguments)
     except BrokenPipeError:  # the reader of the output has seen enough

@@ -3,13 +3,18 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
 from functools import cache, wraps
-from multiprocessing.pool import Pool
-from typing import Any, Generic, ParamSpec, TypeVar
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkProcess
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import warp as wp
 from threadpoolctl import threadpool_limits
@@ -18,7 +23,14 @@ T = TypeVar("T")
 R = TypeVar("R")
 P = ParamSpec("P")
 
-_work: list[tuple[Callable[[Any], Any], list[Any]]] = []  # of a copy
+TIDIES = 10.0  # [s] that a copy has to end in
+
+
+@dataclass(frozen=True)
+class Failed:
+    """What a task in a copy has raised, or how the copy ended."""
+
+    error: Exception
 
 
 def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> list[R]:
@@ -33,22 +45,24 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
 
     Raises:
         Exception: what the first task in order raises that fails.
+        MemoryError: a copy was killed.
     """
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:
         return [task(item) for item in todo]
-    with _pool(task, todo) as pool:
-        return list(pool.imap(_done, range(len(todo))))
+    made = dict(_copied(task, todo))
+    return [_told(made[n]) for n in sorted(made)]
 
 
 def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> Iterator[R]:
-    """The same as they come, an exception too; each task in a copy of its own, memory and all."""
+    """The same as they come, an exception too."""
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:
         yield from map(task, todo)
         return
-    with _pool(task, todo, each=1) as pool:
-        yield from pool.imap_unordered(_done, range(len(todo)))
+    with closing(_copied(task, todo)) as made:
+        for _, outcome in made:
+            yield _told(outcome)
 
 
 def single(work: Callable[P, R]) -> Callable[P, R]:
@@ -79,19 +93,65 @@ def copies(count: int, *, fork: bool = True) -> int:
     return max(1, min(count, len(os.sched_getaffinity(0))))
 
 
-def _pool(task: Callable[[Any], Any], items: list[Any], each: int | None = None) -> Pool:
-    count = copies(len(items))
-    return multiprocessing.get_context("fork").Pool(count, _begin, (task, items), each)
+def _copied(
+    task: Callable[[T], R], items: Sequence[T]
+) -> Generator[tuple[int, R | Failed], None, None]:
+    """What becomes of items, by number, each in a copy of its own; after a failure none is begun."""
+    fork, count = multiprocessing.get_context("fork"), copies(len(items))
+    waiting = deque(range(len(items)))
+    running = dict[Connection, tuple[int, ForkProcess]]()
+    try:
+        while waiting or running:
+            while waiting and len(running) < count:
+                n = waiting.popleft()
+                ours, theirs = fork.Pipe(duplex=False)
+                copy = fork.Process(target=_send, args=(theirs, task, items[n]), daemon=True)
+                copy.start()
+                theirs.close()  # so that the end of the copy is that of the pipe
+                running[ours] = n, copy
+            for ours in cast(list[Connection], wait(list(running))):
+                outcome = _received(ours, running[ours][1])
+                n, _ = running.pop(ours)
+                if isinstance(outcome, Failed):
+                    waiting.clear()
+                yield n, outcome
+    finally:
+        for _, copy in running.values():
+            copy.terminate()
+        for _, copy in running.values():
+            copy.join(TIDIES)
+            copy.kill()
 
 
-def _begin(task: Callable[[Any], Any], items: list[Any]) -> None:
+def _send(end: Connection, task: Callable[[Any], Any], item: Any) -> None:
+    """Work in a copy."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process itself ends its copies
-    _work.append((task, items))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and they what they have begun
+    try:
+        outcome = task(item)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        outcome = Failed(error)
+    end.send(outcome)
 
 
-def _done(n: int) -> Any:
-    task, items = _work[-1]
-    return task(items[n])
+def _received(end: Connection, copy: ForkProcess) -> Any:
+    with end:
+        try:
+            return end.recv()
+        except EOFError:
+            copy.join()
+    if copy.exitcode == -signal.SIGKILL:
+        return Failed(MemoryError("a copy of this process was killed"))
+    return Failed(
+        RuntimeError(f"a copy of this process ended with {copy.exitcode} before its work")
+    )
+
+
+def _told(outcome: R | Failed) -> R:
+    if isinstance(outcome, Failed):
+        raise outcome.error
+    return outcome
 
 
 def parted(work: Callable[[slice], None], count: int, least: int) -> None:

@@ -1,10 +1,12 @@
 """The blind bench: sealed sets, verdicts that are written once, and what they are worth."""
 
+import fcntl
 import importlib
 import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -380,6 +382,13 @@ def test_intervals_of_rates():
     assert wilson(0, 40)[0] == pytest.approx(0.0, abs=1e-12)
 
 
+def given(drawn, monkeypatch):
+    """Cases that are their names, without the work of making them."""
+    every = {name: partial(str, name) for name in blind.cases_of(drawn / "a.json")}
+    monkeypatch.setattr(blind, "cases_of", lambda path, faces: every)
+    return every
+
+
 def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     seal, out, asked = drawn / "key-a.sha256", tmp_path / "blind.json", []
 
@@ -389,6 +398,7 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return {"verdict": "none", "seconds": 1.0}
 
+    given(drawn, monkeypatch)
     monkeypatch.setattr(blind, "_verdict", verdict)
     monkeypatch.setattr(blind, "forkable", lambda: False)
     with pytest.raises(KeyboardInterrupt):
@@ -414,6 +424,23 @@ def test_a_run_goes_on_where_it_stopped(drawn, tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "fingerprint", lambda: "another")
     with pytest.raises(ValueError, match="one run counts, begin another file"):
         blind.run_blind(drawn / "a.json", seal, out)
+
+
+def test_a_file_of_verdicts_is_of_one_run_at_a_time_and_of_one_set(drawn, tmp_path, monkeypatch):
+    seal, out = drawn / "key-a.sha256", tmp_path / "blind.json"
+    given(drawn, monkeypatch)
+    monkeypatch.setattr(blind, "_verdict", lambda case, probes, *, placebo: {"verdict": "none"})
+    monkeypatch.setattr(blind, "forkable", lambda: False)
+    blind.run_blind(drawn / "a.json", seal, out)
+    whole = out.read_text()
+    with out.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(ValueError, match="another run writes it"):
+            blind.run_blind(drawn / "a.json", seal, out)
+    monkeypatch.setattr(blind, "cases_of", lambda path, faces: {"z": lambda: "z"})
+    with pytest.raises(ValueError, match="has a verdict on case"):
+        blind.run_blind(drawn / "a.json", seal, out)
+    assert out.read_text() == whole
 
 
 @pytest.mark.parametrize(
@@ -461,22 +488,38 @@ def test_no_verdict_is_given_where_a_diagnosis_refuses(tmp_path, drawn, monkeypa
     assert one["verdict"] == "error" and told in one["why"]
 
 
+def test_cases_that_cannot_be_read_have_no_verdict_and_the_rest_have(tmp_path, drawn, monkeypatch):
+    folder, out = tmp_path / "cases", tmp_path / "blind.json"
+    for name in ("a", "b"):
+        case(folder / name)
+    whole = (folder / "a" / "press.h5").read_bytes()
+    (folder / "a" / "press.h5").write_bytes(b"")
+    monkeypatch.setattr(blind, "_verdict", lambda seen, probes, placebo: {"verdict": "none"})
+    monkeypatch.setattr(blind, "forkable", lambda: False)
+    with pytest.raises(
+        ValueError, match=r"no verdict on 1 cases.* a: .*press.h5: the file is empty"
+    ):
+        blind.run_blind(folder, drawn / "key-a.sha256", out)
+    assert [one["id"] for one in blind.verdicts(out)[1]] == ["b"]
+    (folder / "a" / "press.h5").write_bytes(whole)
+    found = blind.run_blind(folder, drawn / "key-a.sha256", out)["results"]
+    assert [one["id"] for one in found] == ["b", "a"]
+
+
 def test_what_copies_have_told_is_kept_when_one_breaks_off(drawn, tmp_path, monkeypatch):
     seal, out, log = drawn / "key-a.sha256", tmp_path / "blind.json", tmp_path / "asked"
     broken = tmp_path / "broken"
 
     def verdict(case, probes, *, placebo):  # in copies of this process, so a file has to know
         with log.open("a") as file:
-            file.write(f"{names[case]}\n")
-        fourth = log.read_text().splitlines().index(names[case]) == 3
+            file.write(f"{case}\n")
+        fourth = log.read_text().splitlines().index(case) == 3
         if fourth and not broken.exists():
             broken.touch()
             raise RuntimeError("broken off")
         return {"verdict": "none", "seconds": 1.0}
 
-    every = blind.cases_of(drawn / "a.json")
-    names = {case: name for name, case in every.items()}
-    monkeypatch.setattr(blind, "cases_of", lambda path, faces: every)
+    every = given(drawn, monkeypatch)
     monkeypatch.setattr(blind, "_verdict", verdict)
     with pytest.raises(RuntimeError, match="broken off"):
         blind.run_blind(drawn / "a.json", seal, out)
@@ -495,6 +538,11 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
     (tmp_path / "told" / "a").mkdir(parents=True)
     (tmp_path / "told" / "a" / "Truth.yaml").touch()
     (tmp_path / "told" / "key.sha256").touch()  # a seal tells nothing
+    (tmp_path / "hid" / "a").mkdir(parents=True)
+    (tmp_path / "hid" / "all.key").touch()
+    (tmp_path / "deep").write_text("[" * 100_000)
+    one = '{"id": "a", "seed": 1, "kind": "null"}'
+    (tmp_path / "again").write_text(f"[{one}, {one}]")
     (tmp_path / "shakes" / "a").mkdir(parents=True)
     (tmp_path / "shakes" / "a" / "shake.h5").touch()
     (tmp_path / "text").write_text("no hash")
@@ -527,6 +575,10 @@ def test_bad_input_is_one_line(drawn, tmp_path, capsys):
         (["--seal", seal, "--cases", str(tmp_path / "none")], "no such folder"),
         (["--seal", seal, "--cases", str(tmp_path / "cases")], "the truth must lie elsewhere"),
         (["--seal", seal, "--cases", str(tmp_path / "told")], "told: holds Truth.yaml; the truth"),
+        (["--seal", seal, "--cases", str(tmp_path / "hid")], "hid: holds all.key; the truth"),
+        (["--seal", seal, "--cases", str(tmp_path / "deep")], "no list of cases"),
+        (["--seal", seal, "--cases", str(tmp_path / "again")], "case a is listed twice"),
+        (["--seal", seal, "--score", str(tmp_path / "deep"), "--key", key], "no verdicts"),
         (["--seal", seal, "--cases", str(tmp_path / "cases" / "a")], "no case there"),
         (["--seal", seal, "--cases", str(tmp_path / "shakes")], "no press.h5 is in it"),
         (["--seal", str(tmp_path / "text"), "--cases", str(drawn / "a.json")], "of 64 digits"),

@@ -148,6 +148,23 @@ def test_a_missing_dependency_is_one_line(tmp_path, module, package):
     assert done.stderr == f"{line} dependencies\n"
 
 
+ENDED = """
+import os
+import signal
+import sys
+from form_drake.__main__ import main
+from form_drake.commands.inspect import List
+List.run = lambda self: os.kill(os.getpid(), signal.SIGTERM)
+sys.exit(main())
+"""
+
+
+def test_a_command_that_is_told_to_end_tidies_up(tmp_path):
+    done = process(tmp_path, "-c", ENDED, "list", "laws")
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "form-drake: interrupted; nothing half-written was left\n"
+
+
 def test_an_interrupt_while_importing_is_one_line(tmp_path):
     done = process(tmp_path, "-c", HINDERED, "warp", "KeyboardInterrupt")
     assert (done.returncode, done.stdout) == (130, "")

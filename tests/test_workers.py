@@ -1,8 +1,13 @@
 """Tasks on all cores: what forked copies make comes back in order, and what they raise."""
 
 import os
+import signal
+import subprocess
+import sys
+import tempfile
 import threading
 import time
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -74,7 +79,54 @@ def test_what_is_made_comes_at_once():
     assert list(unordered(task, range(3), fork=False)) == [0, 1, 2]
 
 
-@pytest.mark.skipif(CORES == 1, reason="nothing is copied on one core")
+several = pytest.mark.skipif(CORES == 1, reason="nothing is copied on one core")
+
+
+@several
+@pytest.mark.parametrize(("name", "kind"), [("SIGKILL", MemoryError), ("SIGHUP", RuntimeError)])
+def test_a_copy_that_is_killed_is_told_and_not_waited_for(name, kind):
+    def task(n):
+        if n == 1:
+            os.kill(os.getpid(), getattr(signal, name))
+        return n
+
+    with pytest.raises(kind, match="a copy of this process"):
+        mapped(task, range(4))
+
+
+@several
+def test_where_one_comes_from_is_in_its_note():
+    def task(n):
+        raise ValueError("no good")
+
+    with pytest.raises(ValueError) as failed:
+        mapped(task, range(2))
+    assert "in task" in failed.value.__notes__[0]
+
+
+@several
+def test_what_copies_have_begun_ends_with_them(tmp_path, monkeypatch):
+    """Programs too, and temporary folders; the caller goes on at once."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def task(n):
+        with TemporaryDirectory():
+            if n:
+                while len(list(tmp_path.glob("*/begun"))) < 1:
+                    time.sleep(0.01)
+                return n
+            with TemporaryDirectory() as folder:
+                late = "import pathlib, time; pathlib.Path('begun').touch(); time.sleep(60)"
+                subprocess.run([sys.executable, "-c", late], cwd=folder, check=True)
+
+    begun = time.monotonic()
+    made = unordered(task, range(2))
+    assert next(made) == 1
+    made.close()
+    assert time.monotonic() - begun < 30.0 and not list(tmp_path.iterdir())
+
+
+@several
 def test_each_task_begins_with_a_memory_of_its_own():
     told = []
 

@@ -4,19 +4,21 @@ The file of verdicts is a line of JSON for each case after one that names the co
 that was interrupted goes on where it stopped; other code does not go on in the same file.
 """
 
+import fcntl
 import hashlib
 import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tqdm import tqdm
 
-from form_drake.bench.blind_cases import Case, Probes, cases_of
+from form_drake.bench.blind_cases import Case, Probes, Specimens, cases_of
 from form_drake.bench.blind_faces import ranking
 from form_drake.bench.cases import fingerprint
 from form_drake.diagnose import diagnosed, thresholds
@@ -24,7 +26,7 @@ from form_drake.diagnose.lesser import lesser
 from form_drake.diagnose.score import Score
 from form_drake.diagnose.verdict import ROLLED
 from form_drake.effects import CATALOGUE
-from form_drake.files import plain, read_text, target, write_text
+from form_drake.files import plain, read_text, target
 from form_drake.workers import copies, forkable, unordered
 
 SECONDS = 400.0  # a case takes about, on a core of its own
@@ -51,12 +53,12 @@ def verdicts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         ValueError: it is not such a file, or a case has two verdicts.
     """
     *lines, last = read_text(path).split("\n")
-    with suppress(json.JSONDecodeError):
+    with suppress(json.JSONDecodeError, RecursionError):
         json.loads(last)
         lines.append(last)
     try:
         head, *rest = [json.loads(line) for line in lines]
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: no verdicts of a blind bench: {error}") from None
     if not (_holds(head, ("code", "seal")) and all(_holds(one, ("id", "verdict")) for one in rest)):
         raise ValueError(f"{path}: no verdicts of a blind bench")
@@ -84,8 +86,9 @@ def run_blind(
             ``form_drake.bench.blind_faces``.
 
     Raises:
-        ValueError: the file of verdicts is of other code, another seal or other probes, or ``only``
-            leaves no case.
+        ValueError: the file of verdicts is of other code, another seal, other probes or other cases,
+            or another run writes it; ``only`` leaves no case; or some cannot be made or read, once
+            there are verdicts on the rest.
     """
     every = cases_of(cases, faces=probes == "faces")
     wanted = [n for n in every if not only or any(o in n for o in only)]
@@ -93,46 +96,84 @@ def run_blind(
         raise ValueError(f"--only {' '.join(only)}: no id has it; ids are like {min(every)}")
     head = {"code": fingerprint(), "seal": sealed(seal)}
     head |= {} if probes == "all" else {"probes": probes}
-    out = target(out)
-    if out.is_file():
-        begun, results = verdicts(out)
-        if begun != head:
-            if begun.get("probes") != head.get("probes"):
-                raise ValueError(f"{out}: verdicts of other probes; begin another file")
-            raise ValueError(
-                f"{out}: verdicts of code {begun['code']} and seal {begun['seal'][:12]}; this is"
-                f" {head['code']} and {head['seal'][:12]}: one run counts, begin another file"
-            )
-    else:
-        begun, results = head, []
-    whole = "".join(f"{json.dumps(one)}\n" for one in (begun, *results))
-    if not out.is_file() or read_text(out) != whole:  # its last line was cut off
-        write_text(out, whole)
-    done = {one["id"] for one in results}
-    left = [n for n in wanted if n not in done]
-    fork = forkable()
-    hours = len(left) * SECONDS / 3600.0 / copies(len(left), fork=fork)
-    tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
-
-    def told(name: str) -> dict[str, Any]:
-        case, placebo, begun = every[name], _placebo(name, head["seal"]), _worked()
-        try:
-            if probes == "faces":
-                seen, begun = case(), _worked()
-                read, _, law = seen.chosen(probes)
-                found = {"draw": seen.draw, **ranking(read, law)}
-            else:
-                found = _verdict(case, probes, placebo=placebo)
-        except ValueError as error:
-            found = {"verdict": "error", "why": str(error)}
-        return plain({"id": name, "seconds": _worked() - begun, **found})
-
-    made = unordered(told, left, fork=fork)
-    for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
-        results.append(one)
-        with out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(results[-1]) + "\n")
+    fork, unmade = forkable(), dict[str, str]()
+    with _held(target(out)) as file:
+        results = _gone_on(file, out, head)
+        done = {one["id"] for one in results}
+        if strange := sorted(done - set(every)):
+            raise ValueError(f"{out}: has a verdict on case {strange[0]}, which {cases} has not")
+        left = [n for n in wanted if n not in done]
+        hours = len(left) * SECONDS / 3600.0 / copies(len(left), fork=fork)
+        tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
+        one_of = partial(_case, every, probes, head["seal"])
+        made = unordered(one_of, left, fork=fork)
+        for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
+            if "unmade" in one:
+                unmade[one["id"]] = one["unmade"]
+                continue
+            results.append(one)
+            print(json.dumps(one), file=file, flush=True)
+    if unmade:
+        name, why = next(iter(unmade.items()))
+        raise ValueError(
+            f"{out}: no verdict on {len(unmade)} cases, which cannot be made or read (run again once they can);"
+            f" {name}: {why}"
+        )
     return {**head, "results": results}
+
+
+def _case(every: Mapping[str, Case], probes: Probes, seal: str, name: str) -> dict[str, Any]:
+    try:
+        seen = every[name]()
+    except ValueError as error:
+        return {"id": name, "unmade": str(error)}
+    begun = _worked()
+    try:
+        found = _verdict(seen, probes, placebo=_placebo(name, seal))
+    except ValueError as error:
+        found = {"verdict": "error", "why": str(error)}
+    return plain({"id": name, "seconds": _worked() - begun, **found})
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[TextIO]:
+    """A file to append to while no other process does.
+
+    Raises:
+        ValueError: another does.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ValueError(f"{path}: another run writes it; name another --out") from None
+        yield file
+
+
+def _gone_on(file: TextIO, out: Path, head: dict[str, str]) -> list[dict[str, Any]]:
+    """Results so far, of a file that is left at the beginning of a line.
+
+    Raises:
+        ValueError: it is of other code, another seal or other probes.
+    """
+    if not out.stat().st_size:
+        print(json.dumps(head), file=file, flush=True)
+        return []
+    begun, results = verdicts(out)
+    if begun.get("probes") != head.get("probes"):
+        raise ValueError(f"{out}: verdicts of other probes; begin another file")
+    if begun != head:
+        raise ValueError(
+            f"{out}: verdicts of code {begun['code']} and seal {begun['seal'][:12]}; this is"
+            f" {head['code']} and {head['seal'][:12]}: one run counts, begin another file"
+        )
+    lines = out.read_bytes().splitlines(keepends=True)
+    if len(lines) > 1 + len(results):  # the last was cut off
+        file.truncate(sum(map(len, lines[:-1])))
+    elif not lines[-1].endswith(b"\n"):
+        print(file=file, flush=True)
+    return results
 
 
 def _placebo(name: str, seal: str) -> int | None:
@@ -141,10 +182,11 @@ def _placebo(name: str, seal: str) -> int | None:
     return None if drawn % PLACEBOS else drawn
 
 
-def _verdict(case: Case, probes: Probes, *, placebo: int | None) -> dict[str, Any]:
-    seen, begun = case(), _worked()
-    marks = list[tuple[str, float]]()
+def _verdict(seen: Specimens, probes: Probes, *, placebo: int | None) -> dict[str, Any]:
+    begun, marks = _worked(), list[tuple[str, float]]()
     read, held, law = seen.chosen(probes)
+    if probes == "faces":
+        return {"draw": seen.draw, **ranking(read, law)}
     found = diagnosed(
         read,
         law,

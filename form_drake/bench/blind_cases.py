@@ -1,6 +1,7 @@
 """Cases of a blind bench: folders that others recorded, or what is made again from seeds."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,13 +81,13 @@ def cases_of(path: Path, *, faces: bool = False) -> dict[str, Case]:
 
 def _secret(path: Path) -> bool:
     """Whether a file may hold the truth, by its name; a seal does not."""
-    return path.suffix != ".sha256" and any(w in path.stem.lower() for w in ("key", "truth"))
+    return path.suffix != ".sha256" and any(w in path.name.lower() for w in ("key", "truth"))
 
 
 def _listed(path: Path) -> list[dict[str, Any]]:
     try:
         listed = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: no list of cases: {error}") from None
     wanted = {"id": str, "seed": int, "kind": str}
     for one in listed if isinstance(listed, list) else [None]:
@@ -94,6 +95,9 @@ def _listed(path: Path) -> list[dict[str, Any]]:
             raise ValueError(f"{path}: no list of cases; each has id, seed and kind, and no more")
         if not one["id"].isalnum():
             raise ValueError(f"{path}: case {one['id']!r}: letters and digits are wanted")
+    twice = [n for n, count in Counter(one["id"] for one in listed).items() if count > 1]
+    if twice:
+        raise ValueError(f"{path}: case {twice[0]} is listed twice or more")
     return list(listed)
 
 

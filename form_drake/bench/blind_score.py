@@ -24,7 +24,7 @@ Verdict = Mapping[str, Any]
 
 
 def digest(key: Mapping[str, Truth]) -> str:
-    """SHA-256 of seeds, kinds and effects of a key."""
+    """The seal: SHA-256 of ids, seeds, kinds and names of effects of a key."""
     told = [[n, t["seed"], t["kind"], sorted(t["effects"])] for n, t in sorted(key.items())]
     return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 

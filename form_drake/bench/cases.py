@@ -15,6 +15,8 @@ from form_drake.bench.oracles import ORACLES
 from form_drake.files import plain, write_json
 
 PACKAGE = Path(__file__).resolve().parents[1]
+LINKED = ("systems", "models")  # of it, in a checkout
+READ = ("*.py", "*.json", "*.yaml", "*.sdf", "*.urdf", "*.xml")
 
 
 def fingerprint(*inputs: Path) -> str:
@@ -23,10 +25,10 @@ def fingerprint(*inputs: Path) -> str:
     A saved case counts only with it.
     """
     digest = hashlib.sha256()
-    for name in ("warp-lang", "numpy", "scipy", "h5py", "opencv-python-headless"):
+    for name in ("drake", "warp-lang", "numpy", "scipy", "h5py", "opencv-python-headless"):
         digest.update(f"{name} {version(name)}\n".encode())
-    for folder in (PACKAGE, ORACLES):
-        for source in sorted((*folder.rglob("*.py"), *folder.rglob("nulls.json"))):
+    for folder in (PACKAGE, *((PACKAGE / name).resolve() for name in LINKED), ORACLES):
+        for source in sorted(path for kind in READ for path in folder.rglob(kind)):
             digest.update(f"{source.relative_to(folder)}\n".encode() + source.read_bytes())
     for path in sorted(inputs):
         digest.update(f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}".encode())

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
+from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.bench.oracles import ORACLES
 from form_drake.bench.perception_sweeps import SWEEPS, Level
 from form_drake.bench.perception_tables import GOALS, table
@@ -174,6 +174,6 @@ def run_perception(
         ValueError: ``only`` leaves nothing.
     """
     cases, expected = planned(Views(store.parent / "motions"), specimens)
-    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"))
-    found = run_cases(cases, store=store, mark=mark + code()[:8], estimates=expected, only=only)
+    mark = fingerprint() + code()[:8]
+    found = run_cases(cases, store=store, mark=mark, estimates=expected, only=only)
     return {"bench": "perception", "cases": found, "goals": GOALS}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.bench import oracles, weak_form
-from form_drake.bench.cases import PACKAGE, fingerprint, run_cases
+from form_drake.bench.cases import fingerprint, run_cases
 from form_drake.bench.oracles import ORACLES, laboratory_noise
 from form_drake.bench.probes_grid import SPACINGS, on_grid
 from form_drake.bench.probes_motions import Motions, code, errors
@@ -192,9 +192,6 @@ def run_probes(
         raise ValueError(f"--seeds {seeds}: one or more are wanted")
     cases, expected = planned(Motions(store.parent / "motions"), seeds, specimens, only)
     more, later = finite_elements(store.parent, seeds)
-    # the package's fingerprint leaves out what lies behind its links
-    mark = fingerprint(*(PACKAGE / "systems").resolve().glob("*.py"))
-    found = run_cases(
-        cases | more, store=store, mark=mark + code()[:8], estimates=later | expected, only=only
-    )
+    mark = fingerprint() + code()[:8]
+    found = run_cases(cases | more, store=store, mark=mark, estimates=later | expected, only=only)
     return {"bench": "probes", "cases": found, "goals": GOALS}

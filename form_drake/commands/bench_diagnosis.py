@@ -89,7 +89,8 @@ class Blind:
     """Diagnose cases whose truth is sealed; with --score and --key, say what the verdicts are worth."""
 
     seal: Path
-    """File with the SHA-256 of the key."""
+    """File with the seal: the SHA-256 of ids, seeds, kinds and names of effects in the key, as docs/sealed.md
+    tells."""
     cases: Path | None = None
     """Folder of cases (ID/press.h5, shake.h5 and heldout.h5), or a list of seeds of this project's
     own generator (tests/oracles/hidden_effects_set.py)."""
