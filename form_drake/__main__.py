@@ -61,7 +61,7 @@ def _parse(arguments: list[str]) -> Any:
                 commands(), prog="form-drake", args=arguments, config=config, description=ABOUT
             )
     except SystemExit as stop:
-        print(out.getvalue(), end="", flush=True)
+        print(_plainer(out.getvalue()), end="", flush=True)
         if not stop.code:
             raise
         text = re.sub(r"\x1b\[[0-9;]*m", "", err.getvalue())
@@ -78,6 +78,13 @@ def _parse(arguments: list[str]) -> Any:
         within = arguments[1] if verb == "bench" and not unknown else ""
         words = ("form-drake", verb, "" if within.startswith("-") else within, "--help")
         raise ValueError(f"{text[:400]}; see: {' '.join(filter(None, words))}") from None
+
+
+def _plainer(text: str) -> str:
+    """Help without what says nothing: that an option may be left out, and that nothing stands for it then."""
+    text = re.sub(r"\{None\}\|(\S+)", rf"\1{'':7}", text)
+    nothing = r"\(default:\s*(?:None|False)?\) *"
+    return re.sub(rf" *{nothing}", "", re.sub(rf"\n +{nothing}(?=\n)", "", text))
 
 
 def _typed(text: str) -> str:

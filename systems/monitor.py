@@ -14,7 +14,8 @@ class Monitor(LeafSystem):
 
     Ports: in ``recording`` (``Recording`` or None, what was measured so far); out ``alarm`` (``Alarm``,
     None as long as all goes as predicted; the first one stays) and ``excess`` (the last whole window
-    of each of ``watch.channels`` over its limit, 1 or more where it is exceeded).
+    of each of ``watch.channels`` over its limit, above 1 where it is exceeded, NaN where nothing was
+    compared).
 
     Args:
         watch: the prediction of the whole motion.
@@ -33,7 +34,7 @@ class Monitor(LeafSystem):
         self._watch, self._told = watch, told
         self.DeclareAbstractInputPort("recording", Value[object](None))
         self._alarm = self.DeclareAbstractState(Value[object](None))
-        self._excess = self.DeclareDiscreteState(len(watch.channels))
+        self._excess = self.DeclareDiscreteState(np.full(len(watch.channels), np.nan))
         self.DeclareAbstractOutputPort(
             "alarm",
             lambda: Value[object](None),
@@ -53,7 +54,7 @@ class Monitor(LeafSystem):
         if recording is None:
             return EventStatus.DidNothing()
         excess, found = self._watch.look(recording)
-        last = [e[-1] if len(e) else 0.0 for _, e in excess.values()]
+        last = [e[-1] if len(e) else np.nan for _, e in excess.values()]
         state.get_mutable_discrete_state(int(self._excess)).set_value(np.array(last))
         if found is not None and self.alarm(context) is None:
             state.get_mutable_abstract_state(int(self._alarm)).set_value(found)

@@ -47,6 +47,13 @@ def test_version_as_json(capsys, arguments):
     assert set(found["device"]) == {"alias", "name"}
 
 
+def test_help_tells_no_default_that_is_none(capsys):
+    for verb in (("diagnose",), ("bench", "nulls")):
+        text = run(capsys, *verb, "--help")[1]
+        assert not [word for word in ("None", "False", "(default: )") if word in text]
+        assert "  --dx FLOAT  " in text and "(default:" in text
+
+
 def test_help_mentions_the_version(capsys):
     assert "--version [--json]" in " ".join(run(capsys, "--help")[1].split())
 

@@ -544,8 +544,16 @@ def test_a_body_that_gives_way_is_not_simulated():
         ("unit=None", "unit must be a text, got None"),
         ("shown='press'", "shown must be a tuple of texts, got 'press'"),
         ("faces=('glued',)", "faces may hold free, unknown, bonded, .*, got 'glued'"),
-        ("shapes={'time': ('a', 'b')}", "shape time must be of finite numbers"),
-        ("trial=float('nan')", "trial must be of finite numbers, got nan"),
+        ("shapes={'time': ('a', 'b')}", "shape time must be a tuple of finite numbers"),
+        ("shapes={'time': [0.1, 0.2]}", "shape time must be a tuple of finite numbers"),
+        ("trial=float('nan')", "trial must be of numbers, got nan"),
+        ("trial=float('inf')", "trial must be finite, got inf"),
+        ("most=None", "most must be of numbers, got None"),
+        ("least='a'", "least must be of numbers, got 'a'"),
+        ("parts=5", "parts must be a function, got 5"),
+        ("fits=None", "fits must be a function, got None"),
+        ("signed=None", "signed must be True or False, got None"),
+        ("same=('nosuch',)", "same may hold ids, got 'nosuch'"),
         ("signed=False, most=-1.0", "no coefficient is above 0 and at most -1"),
         ("floors={'time': 0.0}", "floors are of shapes, got time"),
     ],
@@ -560,6 +568,17 @@ def test_an_effect_of_ones_own_that_cannot_be_sought_is_one_line(tmp_path, more,
     )
     with pytest.raises(ValueError, match=f"{path}.*{told}"):
         load(path, CATALOGUE)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "import numpy as np\nfrom form_drake.effects import Effect\n"
+        "one = Effect(id='own', sentence='it is', unit='-', prior=(np.float32(0.1), np.int64(1)), column=len,"
+        " world=lambda w, c, s: w, shapes={'angle': tuple(np.linspace(0.0, 1.0, 3))}, same=('two',))\n"
+        "two = Effect(id='two', sentence='it is', unit='-', prior=(0.1, 1.0), column=len, sensor=len)\n"
+    )
+    assert sorted(load(path, CATALOGUE)) == ["own", "two"]
 
 
 def test_soft_inclusions_that_leave_no_stiffness_together_are_refused():

@@ -251,6 +251,12 @@ def test_held_out_motion_verifies_nothing_if_it_fails_without_effects_and_refuse
 
     with pytest.raises(ValueError, match="hold the same motion"):
         diagnosis([seen], LAW, effects=[], thresholds={}, holdout=[seen], dx=DX)
+    wider = {**PROBE.geometry, "high": "0.04 0.04 0.04"}
+    with pytest.raises(ValueError, match="recording 2: another specimen than recording 1"):
+        other = replace(unseen, geometry=wider)
+        diagnosis([seen], LAW, effects=[], thresholds={}, holdout=[other], dx=DX)
+    with pytest.raises(ValueError, match="newtonian flows: diagnoses are of solids"):
+        diagnosis([seen], LAWS["newtonian"], effects=[], thresholds={}, dx=DX)
 
     monkeypatch.setattr(Check, "of", fails)
     assert told().verdict == "named" and told().unverified == "it broke down"

@@ -127,6 +127,29 @@ def test_tracks_that_state_no_reference_are_held_against_the_plans(watch):
     assert told == pytest.approx(watch.excess(replace(made, valid=first))["tracks"][1])
 
 
+def test_nothing_is_as_predicted_where_nothing_is_compared(watch):
+    """Neither beyond the end of the plan, nor on another clock, nor before the first whole window."""
+    made = noisy(watch.predicted, np.random.default_rng(8))
+    time, (force,) = made.time, made.forces.values()
+
+    def later(by):
+        own = replace(force, time=force.time + by)
+        return replace(made, time=time + by, forces=dict.fromkeys(made.forces, own))
+
+    with pytest.raises(ValueError, match=r"begins at 1[.]5 s, the prediction ends at 0[.]6 s"):
+        watch.look(later(1.5))
+    seen = watch.excess(later(0.35))
+    for ends, excess in seen.values():
+        assert np.isfinite(excess).tolist() == (ends < 0.7).tolist() and np.isnan(excess).any()
+    builder = DiagramBuilder()
+    monitor = builder.AddSystem(Monitor(watch))
+    camera = builder.AddSystem(Camera(made))
+    builder.Connect(camera.get_output_port(), monitor.get_input_port())
+    context = builder.Build().CreateDefaultContext()
+    own = monitor.GetMyContextFromRoot(context)
+    assert np.isnan(monitor.GetOutputPort("excess").Eval(own)).all()
+
+
 def test_other_points_than_the_predicted_ones_are_refused(watch):
     few = replace(
         watch.predicted,

@@ -190,7 +190,7 @@ def test_floors_slide_by_a_friction_that_there_can_be():
 def score(name, size, **shape):
     column = np.zeros(4)
     column[len(name) % 4] = 1.0
-    return Score(CATALOGUE[name], shape, 1.0, 0.1, size, 0.5, column)
+    return Score(CATALOGUE[name], shape, 1.0, size, 0.5, column)
 
 
 class Fake:
@@ -443,7 +443,7 @@ def test_simulations_that_come_as_near_are_rivals_unless_they_are_alike(monkeypa
     found, _ = added(monkeypatch, runners)
     assert found.best.effect.id == "drag" and found.rivals == ("damping",)
     same = runner("relaxation", 22.0, 22.0)
-    same.score = Score(CATALOGUE["relaxation"], {}, 1.0, 0.1, 40.0, 0.5, runners[0].score.column)
+    same.score = Score(CATALOGUE["relaxation"], {}, 1.0, 40.0, 0.5, runners[0].score.column)
     found, _ = added(monkeypatch, [runners[0], same])
     assert (found.alike, found.rivals) == (("relaxation",), ())
 

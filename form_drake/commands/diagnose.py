@@ -39,7 +39,7 @@ class Diagnose:
     """Recordings of the same specimen, which are predicted with what is found, and which nothing else
     reads."""
     placebo: int | None = None
-    """Seed: verify two wrong effects too, the runner-up and one drawn by lot, each fitted."""
+    """Seed: verify two wrong effects too, the runner-up and one drawn by lot, each fitted; with --holdout."""
     effects: Path | None = None
     """Python file with effects of your own; it is executed."""
     nulls: Path | None = None
@@ -87,6 +87,7 @@ class Diagnose:
             device=self.device,
             progress=lambda text: say(f"{text} ..."),
         )
+        say(found.sentence())
         if found.after is not None:
             say("predicting it once more, with the material as it is written ...")
         command = self._again(out)

@@ -10,6 +10,7 @@ from form_drake.diagnose.prepare import require_throughout
 from form_drake.diagnose.verify import tracking_noise
 from form_drake.files import about
 from form_drake.identify.stated import same_motion
+from form_drake.laws import Law
 from form_drake.motion import body
 from form_drake.motion.tracks import require_frames
 from form_drake.records import Recording
@@ -19,7 +20,20 @@ EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is n
 LARGEST = 2.0  # edge of a specimen [m]
 COARSEST = 0.25  # of a body's least edge, that the grid spacing is at most
 
+SOLIDS = ("elastic", "plastic")
 Named = Sequence[tuple[str, Recording]]
+
+
+def require_solid(law: Law) -> None:
+    """Refuse laws of fluids and grains, which have no shear modulus.
+
+    Raises:
+        ValueError: it is one.
+    """
+    if law.flow not in SOLIDS:
+        raise ValueError(
+            f"{law.name} flows: diagnoses are of solids, whose law is elastic or plastic"
+        )
 
 
 def require_one_specimen(recordings: Named) -> None:

@@ -173,7 +173,10 @@ def parts(effect: Effect, shapes: Sequence[Shape], body: Body, *, placed: bool) 
     """
     if placed and "radius" in effect.shapes:
         return _around(effect, shapes, body)
-    own, shares = (shapes, np.eye(len(shapes))) if effect.parts is None else effect.parts(shapes)
+    try:
+        own, shares = effect.parts(shapes) if effect.parts else (shapes, np.eye(len(shapes)))
+    except Exception as error:
+        raise failure(effect, error) from error
     keys: list[Key] = [(effect.id, tuple(one.items())) for one in own]
     sites = dict(zip(keys, own, strict=True))  # a shape may be asked for twice
     order = {key: n for n, key in enumerate(sites)}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from form_drake.diagnose.admitted import require_stated
+from form_drake.diagnose.admitted import require_one_specimen, require_solid, require_stated
 from form_drake.diagnose.advice import Advice
 from form_drake.diagnose.channel import Channel
 from form_drake.diagnose.doubts import SILENT, UNSEEN, doubts, needless
@@ -212,7 +212,7 @@ def diagnosed(
 
     Args:
         recordings: of one specimen; one at least holds a force, which tells the scale of its moduli.
-        law: of the specimen; values that the recordings declare as known stay.
+        law: of the specimen, a solid; values that the recordings declare as known stay.
         effects: a catalogue.
         thresholds: scores by effect's id that nothing missing may reach.
         start: law and values to begin with; None: identified.
@@ -226,11 +226,15 @@ def diagnosed(
         What was found; print it, or write it with ``to_json``.
 
     Raises:
-        ValueError: recordings without force, or that do not state what is needed, those that are held
-            back among them; that hold one motion twice, or declare other values than another or ``start``.
+        ValueError: the law is of what flows; recordings without force, or that do not state what is needed,
+            those that are held back among them; that hold one motion twice, are of another box or density
+            than the first, or declare other values than another or ``start``.
     """
-    of_one_material((*recordings, *holdout), law.name)
-    for n, recording in enumerate((*recordings, *holdout)):
+    every = (*recordings, *holdout)
+    require_solid(law)
+    of_one_material(every, law.name)
+    require_one_specimen([(f"recording {n}", one) for n, one in enumerate(every, start=1)])
+    for n, recording in enumerate(every):
         require_stated(recording, dx, held_back=n >= len(recordings))
     known = given(recordings, law, start)
     scenes = Scenes.of(tuple(sighted(r) for r in recordings), dx, device)

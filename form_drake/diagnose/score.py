@@ -31,7 +31,6 @@ class Score:
         shape: values of its shape parameters.
         coefficient: in the effect's unit and bounds; to first order, and about moduli that have taken
             what they can of the effect.
-        std: of it.
         score: what it takes of the residual's square, less 2 ln of the number of shapes; not
             below zero.
         limit: least size that these rows would show at that shape; of no score, that at half of the
@@ -42,7 +41,6 @@ class Score:
     effect: Effect
     shape: Shape
     coefficient: float
-    std: float
     score: float
     limit: float
     column: np.ndarray
@@ -100,7 +98,7 @@ def ranked(match: Projected, effect: Effect, tried: Sequence[Shape]) -> list[Sco
     taken = np.clip(wanted, effect.lower * length, effect.most * length)
     gain = taken * (2.0 * wanted - taken) - 2.0 * np.log(len(tried))
     every = [
-        Score(effect, shape, float(c), float(std), max(float(g), 0.0), DETECTED * float(std), u)
+        Score(effect, shape, float(c), max(float(g), 0.0), DETECTED * float(std), u)
         for shape, c, std, g, u in zip(
             tried, taken / length, 1.0 / length, gain, unit.T, strict=True
         )

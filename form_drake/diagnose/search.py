@@ -4,7 +4,6 @@ The columns of a twin are derivatives along its motion. What a step has really c
 (Broyden 1965), also where it went too far.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -158,27 +157,20 @@ def _least(columns: np.ndarray, gap: np.ndarray, damping: float = 0.0) -> np.nda
     return np.where(norms > TINY, found / length, 0.0)
 
 
-def matched(
-    start: Match | Search[Match],
-    progress: Callable[[Search[Match]], None] = lambda search: None,
-    *,
-    rough: bool = False,
-) -> Match:
+def matched(start: Match, *, rough: bool = False) -> Match:
     """The twin nearest to the data.
 
     Args:
-        start: one of the same data, or a search that has begun.
+        start: one of the same data.
         rough: whether what the grid has wrong may be that of a model which is another, where far more
             than that is missing.
-        progress: hears where the search is.
 
     Raises:
         ValueError: the scenes cannot be simulated.
     """
-    search = start if isinstance(start, Search) else Search.of(start)
+    search = Search.of(start)
     passes, fine = 1, 0
     while True:
-        progress(search)
         done = search.settled or passes == PASSES
         if done and (search.match.here or fine == FINE or (rough and search.match.gross)):
             return search.match

@@ -28,7 +28,7 @@ class Alarm:
     Attributes:
         channel: ``tracks``, or ``force of`` a tool.
         time: from which on it does, on the recording's clock [s].
-        excess: mean square deviation of the last window that was seen, one where nothing is wrong.
+        excess: mean square deviation of the last window that was compared, over its limit.
         where: place of the point that is farthest off, of tracks, in the body at rest [m]; else empty.
     """
 
@@ -78,14 +78,15 @@ class Watch:
     def excess(self, measured: Recording) -> Excess:
         """By channel, ends of windows [s] and mean squares of deviations, as a share of their limits.
 
-        Either of shape [windows].
+        Either of shape [windows]; NaN where nothing of a window can be compared.
 
         Args:
             measured: so far, on the clock of the plan; stress-free positions that it does not state are the
                 plan's.
 
         Raises:
-            ValueError: points or tools are others than the predicted ones.
+            ValueError: points or tools are others than the predicted ones, or the recording begins after
+                the end of what is predicted.
         """
         return self.look(measured)[0]
 
@@ -107,10 +108,11 @@ class Watch:
         for name, time, square in self._squares(measured):
             ends, excess = every[name] = _windows(time, square)
             pairs = pairwise(zip(ends, excess, strict=True))
-            start = next((a[0] for a, b in pairs if min(a[1], b[1]) > 1.0), None)
+            start = next((a[0] for a, b in pairs if a[1] > 1.0 and b[1] > 1.0), None)
             if start is not None:
                 where = self._farthest(square) if name == "tracks" else ()
-                found.append(Alarm(name, float(start - WINDOW), float(excess[-1]), where))
+                last = float(excess[np.isfinite(excess)][-1])
+                found.append(Alarm(name, float(start - WINDOW), last, where))
         return every, min(found, key=lambda alarm: alarm.time, default=None)
 
     def _farthest(self, square: np.ndarray) -> tuple[float, ...]:
@@ -122,6 +124,12 @@ class Watch:
         if measured.p_WQ.shape[1:] != self.predicted.p_WQ.shape[1:]:
             raise ValueError(
                 f"{measured.points} points are tracked, {self.predicted.points} are predicted"
+            )
+        begin, end = measured.time[0], self.predicted.time[-1]
+        if begin > end:
+            raise ValueError(
+                f"the recording begins at {begin:g} s, the prediction ends at {end:g} s: stamps are wanted on"
+                " the clock of the plan"
             )
         if measured.p_reference is None:  # the first frame is none: the body rests under its weight
             measured = replace(measured, p_reference=self.predicted.reference)
@@ -163,15 +171,18 @@ def _square(
     )
     wrong = (GRID * (fine - coarse)) ** 2 + (AMISS * fine) ** 2
     axes = tuple(range(1, seen.ndim))
-    wrong = np.nanmean(wrong, axis=axes, keepdims=True)
+    wrong = np.mean(wrong, axis=axes, keepdims=True)
     return np.asarray((seen - fine) ** 2 / np.maximum(noise**2 + wrong, 1e-300))
 
 
 def _windows(time: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of whole windows [s], and their mean squares over what noise reaches in one of a thousand."""
+    """Ends of whole windows [s], and their mean squares over what noise reaches in one of a thousand.
+
+    NaN where there is none.
+    """
     count = int((time[-1] - time[0]) / WINDOW + 1e-9)
     ends = time[0] + WINDOW * np.arange(1, count + 1)
-    excess = np.zeros(count)
+    excess = np.full(count, np.nan)
     which = np.ceil((time - time[0]) / WINDOW - 1e-9).astype(int)  # a sample on an end is of one
     for n in range(count):
         own = square[np.maximum(which, 1) == n + 1]

@@ -1,7 +1,8 @@
 """Effects that a person declares in a file of their own."""
 
 import re
-from math import isfinite
+from math import isfinite, isnan
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,11 @@ def load(path: Path, catalogue: dict[str, Effect]) -> dict[str, Effect]:
             if fault := _fault(thing):
                 raise ValueError(f"{path}: effect {thing.id!r}: {fault}")
             found[thing.id] = _fitting(thing, path)
+    for effect in found.values():
+        if strange := set(effect.same) - {*catalogue, *found}:
+            raise ValueError(
+                f"{path}: effect {effect.id!r}: same may hold ids, got {min(strange)!r}"
+            )
     if not found:
         raise ValueError(f"{path}: declares no effect; a module-level Effect object is wanted")
     return found
@@ -51,12 +57,25 @@ def _fault(effect: Effect) -> str | None:
             return f"{name} must be a tuple of texts, got {told!r}"
     if strange := [one for one in effect.faces if one not in CONDITIONS]:
         return f"faces may hold {', '.join(CONDITIONS)}, got {strange[0]!r}"
-    for name in ("prior", "trial"):
-        if not all(_numbers(getattr(effect, name))):
-            return f"{name} must be of finite numbers, got {getattr(effect, name)!r}"
-    for key, values in (*effect.shapes.items(), *effect.floors.items()):
-        if not all(_numbers(values)):
-            return f"shape {key} must be of finite numbers, got {values!r}"
+    for name in ("column", "world", "sensor", "parts", "fits"):
+        told = getattr(effect, name)
+        if not (callable(told) or (told is None and name != "fits")):
+            return f"{name} must be a function, got {told!r}"
+    for name in ("signed", "share", "bends", "whole"):
+        if not isinstance(told := getattr(effect, name), bool):
+            return f"{name} must be True or False, got {told!r}"
+    for name in ("prior", "trial", "least", "most"):
+        told = getattr(effect, name)
+        if not all(map(_number, told if name == "prior" else (told,))):
+            return f"{name} must be of numbers, got {told!r}"
+    if not isfinite(effect.trial):
+        return f"trial must be finite, got {effect.trial!r}"
+    for key, values in effect.shapes.items():
+        if not isinstance(values, tuple) or not all(_number(v) and isfinite(v) for v in values):
+            return f"shape {key} must be a tuple of finite numbers, got {values!r}"
+    for key, least in effect.floors.items():
+        if not (_number(least) and isfinite(least)):
+            return f"floor of {key} must be a finite number, got {least!r}"
     if not effect.lower < effect.most:
         return f"no coefficient is above {effect.lower:g} and at most {effect.most:g}"
     if beside := set(effect.floors) - set(effect.shapes):
@@ -64,9 +83,8 @@ def _fault(effect: Effect) -> str | None:
     return None
 
 
-def _numbers(values: Any) -> list[bool]:
-    every = values if isinstance(values, tuple) else (values,)
-    return [type(v) in (int, float) and isfinite(v) for v in every]
+def _number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and not isnan(value)
 
 
 def _fitting(effect: Effect, path: Path) -> Effect:

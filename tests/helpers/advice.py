@@ -16,7 +16,7 @@ RECORDED = (BLOCK.press("bonded"), BLOCK.shake())
 def found(best, ranked, alike=(), rivals=(), recordings=RECORDED, unseen=()):
     """A pass with scores of effects by their limits."""
     scores = {
-        name: Score(CATALOGUE[name], {}, 1.0, 0.2 * limit, 90.0, limit, np.zeros(1))
+        name: Score(CATALOGUE[name], {}, 1.0, 90.0, limit, np.zeros(1))
         for name, limit in ranked.items()
     }
     match = SimpleNamespace(scenes=SimpleNamespace(recordings=recordings))
