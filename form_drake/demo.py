@@ -14,6 +14,7 @@ import numpy as np
 from form_drake.files import read_mapping, write_json, write_text
 from form_drake.identify import Identification, identify
 from form_drake.material import Material, read_material
+from form_drake.motion import body
 from form_drake.records import Recording, read, write_recording
 from form_drake.report import Report
 
@@ -65,18 +66,26 @@ def run_demo(
     from form_drake.systems.scenario import held_out, load_scenario, scenario_text
     from form_drake.systems.viewer import View
 
-    rng = np.random.default_rng(seed)
-    changes = [*changes, f"measure.noise={NOISE}", f"measure.sensor.noise=[{FORCE_NOISE}]"]
-    changes += [f"measure.seed={seed}", f"measure.sensor.seed={seed}"]
-    hidden = hidden_changes(rng)
-    say("1/4 the arm presses a soft block of hidden material (compiling kernels the first time)")
+    hidden = hidden_changes(np.random.default_rng(seed))
+    own = [f"measure.noise={NOISE}", f"measure.sensor.noise=[{FORCE_NOISE}]"]
+    own += [f"measure.seed={seed}", f"measure.sensor.seed={seed}"]
+    drawn = {one.split("=")[0] for one in (*own, *hidden)}
+    if taken := [one for one in changes if one.split("=")[0].strip() in drawn]:
+        raise ValueError(
+            f"--set {taken[0]}: the demo sets it by itself; form-drake simulate takes it"
+        )
+    changes = [*changes, *own]
     scenario = load_scenario(SCENARIO, (*changes, *hidden))
+    unseen = held_out(scenario)
+    if "nu" not in scenario.specimen.told():
+        raise ValueError("--set specimen.known: nu is wanted among it, which the first guess takes")
+    say("1/4 the arm presses a soft block of hidden material (compiling kernels the first time)")
     run = prepare(scenario, shown(), View(field="stress"))
     write_recording(record(run), folder / "recording.h5")
     run.write_page(folder / "station.html")
     _pictures(run, folder)
     say("2/4 and a second, fresh block deeper and faster, for the test of the prediction")
-    write_recording(record(prepare(held_out(scenario))), folder / "unseen.h5")
+    write_recording(record(prepare(unseen)), folder / "unseen.h5")
     write_text(folder / "scenario.yaml", scenario_text(SCENARIO, changes, hidden=True))
     write_json(folder / "truth.json", truth(scenario))
     del scenario, run, hidden
@@ -142,10 +151,12 @@ def _report(
 
     answer = outcome.answer
     page = Report("form_drake demo: press once, predict an unseen press")
+    shape = body(unseen)
+    edges = " x ".join(f"{1e3 * edge:.3g}" for edge in shape.high - shape.low)
     page.paragraph(
-        f"Seed {seed}. A Panda presses a block of 30 x 30 x 25 mm with a flat plate. Known are shape,"
+        f"Seed {seed}. A Panda presses a block of {edges} mm with a flat plate. Known are shape,"
         f" density, Poisson's ratio and the kind of law ({answer.material.law.name}); stiffness and"
-        f" yield stress are not. Measured are 400 points with {1e6 * NOISE:.0f} um of noise and the"
+        f" yield stress are not. Measured are {unseen.points} points with {1e6 * NOISE:.0f} um of noise and the"
         f" force on the plate with {FORCE_NOISE} N. The whole probe plays in station.html."
     )
     page.image(folder / "station.png", "The station.")
@@ -156,8 +167,8 @@ def _report(
     curves["identified"] = predicted["after"]
     forces = {k: (r.forces[tool].time, r.forces[tool].value) for k, r in curves.items()}
     page.figure(force_over_time(forces), "Force on the plate, measured and predicted.")
-    shape = {k: distance_mm(r, unseen) for k, r in predicted.items()}
-    page.figure(error_over_time(unseen.time, shape), "Distance of predicted to measured points.")
+    apart = {k: distance_mm(r, unseen) for k, r in predicted.items()}
+    page.figure(error_over_time(unseen.time, apart), "Distance of predicted to measured points.")
     errors = {"first guess": outcome.before, "identified": outcome.after}
     rows = [
         [

@@ -85,7 +85,11 @@ def _again(found: Diagnosis, material: Path, effects: Path | None) -> list[dict[
             write_recording(recording, seen)
             line = ["predict", str(material), str(seen), "--out", str(made), "--dx", str(dx)]
             command = [sys.executable, "-m", "form_drake", *line, *words]
-            ran = subprocess.run(command, capture_output=True, text=True, check=False)
+            try:
+                ran = subprocess.run(command, capture_output=True, text=True, check=False)
+            except KeyboardInterrupt:  # what was found stays
+                told.append({"failed": "interrupted", "tracks": None, "forces": {}})
+                break
             if ran.returncode:
                 last = (ran.stderr.strip() or "no word").splitlines()[-1]
                 told.append({"failed": last, "tracks": None, "forces": {}})

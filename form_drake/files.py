@@ -179,6 +179,12 @@ def whole_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(old, ignore_errors=True)
 
 
+def joined(folder: Path, *names: str) -> None:
+    """Count files that are written into a folder of ``whole_folder`` later to those of its run."""
+    with (folder / MARK).open("a", encoding="utf-8") as mark:
+        mark.writelines(f"{name}\n" for name in names)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with whole(path) as temporary:

@@ -19,8 +19,17 @@ from form_drake.workers import Newest
 
 
 def steps_between(rate: float, period: float) -> int:
-    """Steps of ``period`` [s] from one event to the next, that come at ``rate`` [Hz] or a little faster."""
-    return max(int(1.0 / (rate * period) + 1e-6), 1)
+    """Steps of ``period`` [s] from one event to the next, that come at ``rate`` [Hz] or a little faster.
+
+    Raises:
+        ValueError: they come faster than the steps.
+    """
+    if not rate * period < 1.0 + 1e-6:
+        raise ValueError(
+            f"{rate:g} Hz, every {1.0 / rate:g} s, is more often than the material steps, every {period:g} s"
+            " (solver.period)"
+        )
+    return int(1.0 / (rate * period) + 2e-6)
 
 
 def remembered(system: LeafSystem, name: str, made: Callable[[Context], Any]) -> CacheEntry:

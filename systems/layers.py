@@ -35,7 +35,7 @@ def layered(name: str, changes: Sequence[str]) -> dict[str, Any]:
     content = inherited(name, Path.cwd())
     for told in changes:
         change(content, told)
-    return rooted(content, Path.cwd())
+    return rooted(_merged({}, content), Path.cwd())
 
 
 def inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
@@ -60,10 +60,8 @@ def inherited(name: str, folder: Path, depth: int = 0) -> dict[str, Any]:
             )
     content = rooted(read_mapping(path), path.parent)
     parent = content.pop("inherits", None)
-    if parent is None:
-        return content
-    base = inherited(str(parent), path.parent, depth + 1)
-    return _merged(base, content)
+    base = {} if parent is None else inherited(str(parent), path.parent, depth + 1)
+    return dict(_merged(base, content))
 
 
 def rooted(content: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -81,9 +79,10 @@ def rooted(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _merged(base: Any, over: Any) -> Any:
     """``over`` on top of ``base``, mapping by mapping; lists are replaced, and null takes an entry out."""
-    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
+    if not isinstance(over, Mapping):
         return over
-    merged = {**base, **{k: _merged(base.get(k), v) for k, v in over.items()}}
+    below = base if isinstance(base, Mapping) else {}
+    merged = {**below, **{k: _merged(below.get(k), v) for k, v in over.items()}}
     return {k: v for k, v in merged.items() if v is not None}
 
 

@@ -276,7 +276,7 @@ def _header(scenario: Scenario, station: Station, chosen: np.ndarray) -> Recordi
         mass_scale=scenario.solver.mass_scale,
         gravity=station.plant.gravity_field().gravity_vector(),
         law=specimen.law,
-        known={k: v for k, v in specimen.material.items() if k in specimen.known},
+        known=specimen.told(),
         poses={tool: Stream(none, np.eye(4)[None], measure.place or None)},
         forces={
             tool: Stream(none, np.zeros((1, 3)), max(measure.sensor.noise) or None),

@@ -79,6 +79,13 @@ class Specimen:
         check_moduli(law, made.values)
         return made
 
+    def told(self) -> dict[str, float]:
+        """Values that are declared known, as they are stated, or follow from what is."""
+        made = self.made()
+        follow = {key: p.value for key, p in made.parameters().items()}
+        every = {**follow, "density": made.density, **self.material}
+        return {key: every[key] for key in self.known if key in every}
+
 
 @dataclass
 class Stepping:

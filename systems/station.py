@@ -1,7 +1,8 @@
 """A scenario as one diagram: arm, tool, soft material and sensors, with the ports of the real robot."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -111,12 +112,12 @@ def make_station(
     tool = scoped_frame(plant, scenario.probe.tool)
     held = plant.GetModelInstanceName(tool.model_instance())
     exclude_held_tool(plant, scene_graph, arm=ARM, tool=held)
-    scenario.panda.compensated = sorted({*scenario.panda.compensated, held})
-    apply_panda(plant, scenario.panda)
+    driver = replace(scenario.panda, compensated=sorted({*scenario.panda.compensated, held}))
+    apply_panda(plant, driver)
     plant.Finalize()
     for joint, angle in zip(arm_joints(plant, ARM), () if start is None else start, strict=False):
         joint.set_default_angle(angle)
-    panda = add_panda(builder, plant, scenario.panda)
+    panda = add_panda(builder, plant, driver)
     material = material or scenario.specimen.made()
     soft = _soft(scenario, material, effects, builder, plant, scene_graph)
     _export_arm(scenario, builder, plant, panda, tool)
@@ -280,7 +281,7 @@ def _cameras(
 
     if scenario.cameras and not scene_graph.HasRenderer("vtk"):
         scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
-    for name, config in scenario.cameras.items():
+    for name, config in deepcopy(scenario.cameras).items():
         config.name, config.renderer_name, config.renderer_class = name, "vtk", ""
         try:
             ApplyCameraConfig(

@@ -101,6 +101,9 @@ class SightViewer(LeafSystem):
         sight = self.get_input_port().Eval(context).value
         if sight is None or sight.time == self._seen or not sight.held.any():
             return EventStatus.DidNothing()
+        if sight.time < self._seen:  # another run
+            self._meshcat.Delete(SIGHT)
+            self.frames.clear()
         self._seen, now = sight.time, context.get_time()
         p_WQ = sight.p_WQ[sight.held] + self._before
         unlike = np.log10(np.maximum(1.0 - sight.likeness[sight.held], UNLIKE[0]))

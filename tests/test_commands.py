@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from form_drake import LAWS, Recording, __main__, identify, predict, read, read_material
-from form_drake.bench import cases
+from form_drake.bench import cases, table2
 from form_drake.commands import VERBS
+from form_drake.commands.bench_cases import Cases
 from form_drake.diagnose.motions import Block
 from form_drake.effects import CATALOGUE
 from form_drake.laws import ADDITIONS
@@ -539,7 +540,46 @@ def test_a_diagram_is_drawn(capsys, here):
     told = ("simulate", "press_b", "--set", "solver.dx=0.005", "--graphviz", "g.dot", "--json")
     code, out, err = run(capsys, *told)
     assert (code, json.loads(out), err) == (0, {"diagram": "g.dot"}, "written: g.dot\n")
-    assert (here / "g.dot").read_text().startswith("digraph")
+    plain = (here / "g.dot").read_text()
+    assert plain.startswith("digraph") and "identifier" not in plain.lower()
+    run(capsys, *told, "--answers", "0.2")
+    assert "identifier" in (here / "g.dot").read_text().lower()
+
+
+@pytest.mark.parametrize(
+    ("only", "fits", "rolls"),
+    [
+        (("identify/jelly",), 3, 0),
+        (("Floor, series",), 0, 12),
+        (("rollout/jelly/Full/time",), 1, 1),
+        ((), 12, 60),
+    ],
+)
+def test_only_what_a_part_of_a_bench_needs_is_run(tmp_path, monkeypatch, only, fits, rolls):
+    ran = []
+
+    def told(kind):
+        return lambda *words: ran.append(kind) or {"values": {}, "loss": 0.0}
+
+    monkeypatch.setattr(table2, "nclaw_files", lambda data: {})
+    for name in ("identified", "_floor", "_loss"):
+        monkeypatch.setattr(table2, name, told(name))
+    table2.run_table2(tmp_path, store=tmp_path / "store", only=only)
+    assert (ran.count("identified"), len(ran)) == (fits, fits + rolls)
+    with pytest.raises(ValueError, match="no case has it"):
+        table2.run_table2(tmp_path, store=tmp_path / "store", only=("nothing",))
+
+
+def test_a_part_of_a_bench_takes_nothing_from_the_whole(here, capsys):
+    def bench(store, only):
+        every = {name: lambda: {"made": 1} for name in ("a", "b")}
+        found = cases.run_cases(every, store=store, mark="m", estimates={}, only=only)
+        return {"cases": found}
+
+    for words in ({}, {"only": ("a",)}, {}):
+        Cases(**words).finish("some", bench, str)
+    assert "2 of 2 cases to run" in (said := capsys.readouterr().err)
+    assert "0 of 1 cases to run" in said and "0 of 2 cases to run" in said
 
 
 @pytest.mark.parametrize("part", ["PACKAGE", "ORACLES"])

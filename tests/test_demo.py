@@ -6,7 +6,7 @@ import re
 import pytest
 
 from form_drake import read, read_material
-from helpers.commands import CAMERAS, blocked, refusal
+from helpers.commands import CAMERAS, blocked, refusal, run
 
 
 def test_the_demo_replaces_no_foreign_folder(capsys, here):
@@ -14,6 +14,22 @@ def test_the_demo_replaces_no_foreign_folder(capsys, here):
     (here / "mine" / "thesis.tex").write_text("years")
     assert "no earlier run has made" in refusal(capsys, "demo", "--out", "mine")
     assert [p.name for p in (here / "mine").iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ("measure.noise=0", "--set measure.noise=0: the demo sets it by itself"),
+        ("specimen.material.E=5e4", "the demo sets it by itself"),
+        ("specimen.known=[]", "specimen.known: nu is wanted among it"),
+        ("probe.unseen=[]", "has no probe.unseen"),
+    ],
+)
+def test_changes_that_the_demo_cannot_take_are_refused_at_once(capsys, here, told, said):
+    code, _, err = run(capsys, "demo", "--seed", "1", "--set", told)
+    seed, line = err.splitlines()
+    assert (code, seed) == (2, "seed 1") and line.startswith("form-drake: ") and said in line
+    assert not (here / "runs" / "demo").exists()
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +68,7 @@ def test_the_demo_shows_a_report(demo):
     folder, _ = demo
     page = (folder / "report.html").read_text()
     assert page.count("<img") >= 4 and "first guess" in page and "identified" in page
+    assert "a block of 30 x 30 x 25 mm" in page and "Measured are 150 points" in page
     assert not re.search(r"(src|href)=\"(?!data:)", page)  # the page stands alone
     assert (folder / "station.html").stat().st_size < 15e6
     assert {p.name for p in folder.parent.iterdir()} == {"demo"}

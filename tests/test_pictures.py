@@ -180,6 +180,25 @@ def test_what_was_simulated_is_kept_where_tracking_fails(
     assert (out / "truth.json").is_file() and not (out / "recording.h5").exists()
 
 
+def test_what_is_tracked_later_is_of_the_run(scenario, tmp_path, monkeypatch):
+    """So that the next run takes its place."""
+    made, out = particles(scenario), tmp_path / "o"
+
+    def tracks(folder, *words):
+        write_recording(made, out / "recording.h5")
+        (out / "seen.html").touch()
+
+    monkeypatch.setattr(probe, "prepare", lambda *_, **__: SimpleNamespace(duration=0.1))
+    monkeypatch.setattr(probe, "record", lambda *_: made)
+    monkeypatch.setattr(simulate, "run_in", tracks)
+    run = simulate.Simulate("press", SMALL, perception="stereo", out=out, page=False)
+    run.run()
+    run.run()
+    (out / "notes.txt").touch()
+    with pytest.raises(ValueError, match=r"no earlier run has made \(notes[.]txt\)"):
+        run.run()
+
+
 def test_the_right_camera_may_be_turned_from_its_calibration(scenario, tmp_path):
     turned = replace(scenario, stereo=replace(scenario.stereo, turned_deg=[0.0, 0.5, 0.0]))
     made = replace(particles(scenario))

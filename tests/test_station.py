@@ -17,6 +17,7 @@ from form_drake.material import Material
 from form_drake.records import Recording, Stream, read, write_recording
 from form_drake.systems.advised import MOTIONS, PUSHES, SHAKES, advised
 from form_drake.systems.arm import Arm
+from form_drake.systems.behind import steps_between
 from form_drake.systems.layers import named
 from form_drake.systems.probe import begin, begun, planned, prepare, record, tracked, truth
 from form_drake.systems.replay import replay
@@ -158,6 +159,37 @@ def test_of_what_is_known_a_material_keeps_its_own():
     assert load_scenario("press_a", changes).specimen.known == ["C3", "density"]
     with pytest.raises(ValueError, match="known: yeoh has no parameter 'nu'"):
         load_scenario("press_a", holding(yeoh))
+
+
+def test_what_is_known_is_told_as_stated_or_as_it_follows():
+    lame = {"mu": 1e4, "lam": 4e4, "tau_y": 1e3}
+    changes = holding(Material(LAWS["von-mises"], lame, 1000.0))
+    told = load_scenario("press_a", changes).specimen.told()
+    assert told == {"nu": pytest.approx(0.4)}
+    assert load_scenario("press_a").specimen.told()["nu"] == 0.3
+    assert load_scenario("press_a", ("specimen.known=[mu]",)).specimen.told()["mu"] > 0.0
+
+
+def test_null_takes_an_entry_out_wherever_it_stands(tmp_path):
+    for told in ("specimen.contact.press_plate=null", "specimen.contact={press_plate: null}"):
+        assert "press_plate" not in load_scenario("press_a", (told,)).specimen.contact
+    path = tmp_path / "mine.yaml"
+    path.write_text("inherits: press_a\nspecimen: {clamped: {z+: null}}\n")
+    assert load_scenario(path).specimen.clamped == {}
+
+
+def test_a_station_leaves_its_scenario_as_it_was():
+    scenario = load_scenario("press_a")
+    make_station(scenario)
+    assert scenario == load_scenario("press_a") and scenario.panda.compensated == []
+
+
+def test_nothing_comes_more_often_than_steps():
+    assert [steps_between(rate, 1e-3) for rate in (1000.0, 999.0, 600.0, 30.0)] == [1, 1, 1, 33]
+    with pytest.raises(
+        ValueError, match=r"5000 Hz, every 0[.]0002 s, is more often than the material"
+    ):
+        steps_between(5000.0, 1e-3)
 
 
 def test_inheritance_without_end(tmp_path):

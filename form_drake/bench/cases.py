@@ -4,7 +4,7 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -55,26 +55,37 @@ def run_cases(
     Raises:
         ValueError: ``only`` leaves nothing.
     """
-    chosen = {n: f for n, f in cases.items() if not only or any(o in n for o in only)}
-    if not chosen:
-        parts = sorted({part for name in cases for part in name.split("/")})
-        raise ValueError(f"--only {','.join(only)}: no case has it; they are made of {parts}")
+    names = chosen(cases, only)
     results: dict[str, dict[str, Any]] = {}
-    for name in chosen:
+    for name in names:
         saved = _saved(store / f"{name.replace('/', '_')}.json", mark)
         if saved is not None:
             results[name] = saved
-    left = [n for n in chosen if n not in results]
+    left = [n for n in names if n not in results]
     minutes = sum(estimates.get(n, 10.0) for n in left) / 60.0
-    message = f"{len(left)} of {len(chosen)} cases to run, about {minutes:.1f} min; kept in {store}"
+    message = f"{len(left)} of {len(names)} cases to run, about {minutes:.1f} min; kept in {store}"
     tqdm.write(message, file=sys.stderr)
     for name in tqdm(left, unit="case", disable=None, leave=False):
         started = time.perf_counter()
-        result = plain(chosen[name]())
+        result = plain(cases[name]())
         result["case_seconds"] = time.perf_counter() - started
         write_json(store / f"{name.replace('/', '_')}.json", {"mark": mark, "result": result})
         results[name] = result
-    return {n: results[n] for n in chosen}
+    return {n: results[n] for n in names}
+
+
+def chosen(names: Iterable[str], only: Sequence[str]) -> list[str]:
+    """Names that contain one of ``only``; of none, all.
+
+    Raises:
+        ValueError: no name does.
+    """
+    every = list(names)
+    found = [n for n in every if not only or any(o in n for o in only)]
+    if not found:
+        parts = sorted({part for name in every for part in name.split("/")})
+        raise ValueError(f"--only {','.join(only)}: no case has it; they are made of {parts}")
+    return found
 
 
 def _saved(path: Path, mark: str) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from form_drake.bench.cases import fingerprint, run_cases
+from form_drake.bench.cases import chosen, fingerprint, run_cases
 from form_drake.bench.truth import (
     LAW,
     MATERIALS,
@@ -67,27 +67,36 @@ def loss(data: Path, material: str, condition: str, values: dict[str, float], sv
 def run_table2(
     data: Path, *, store: Path, only: tuple[str, ...] = (), conditions=CONDITIONS
 ) -> dict[str, Any]:
-    """All cells of the table; see the module's text."""
+    """All cells of the table; see the module's text.
+
+    Raises:
+        ValueError: ``only`` leaves nothing.
+    """
     files = nclaw_files(data)
     mark = fingerprint(*files.values())
     fits: dict[str, Callable] = {
         f"identify/{m}/{row}": partial(identified, data, m, row) for m in MATERIALS for row in ROWS
     }
-    fit_only = tuple(o for o in only if any(o in n for n in fits))
+    rolls = {
+        f"rollout/{m}/{row}/{c}": f"identify/{m}/{row}"
+        for m in MATERIALS
+        for c in conditions
+        for row in (*ROWS, *FLOORS)
+    }
+    names = chosen([*fits, *rolls], only)
+    needed = {rolls.get(n, n) for n in names}
+    fits = {n: f for n, f in fits.items() if n in needed}
     estimates = {n: SECONDS["identify"] if "Pos" in n else 2.0 for n in fits}
-    found = run_cases(fits, store=store, mark=mark, estimates=estimates, only=fit_only)
+    found = run_cases(fits, store=store, mark=mark, estimates=estimates) if fits else {}
     rollouts: dict[str, Callable] = {}
-    for m in MATERIALS:
-        for c in conditions:
-            for row in (*ROWS, *FLOORS):
-                name = f"rollout/{m}/{row}/{c}"
-                if row in FLOORS:
-                    rollouts[name] = partial(_floor, data, m, c, FLOORS[row])
-                elif f"identify/{m}/{row}" in found:
-                    values = found[f"identify/{m}/{row}"]["values"]
-                    rollouts[name] = partial(_loss, data, m, c, values)
+    for name in (n for n in names if n in rolls):
+        _, m, row, c = name.split("/")
+        if row in FLOORS:
+            rollouts[name] = partial(_floor, data, m, c, FLOORS[row])
+        else:
+            rollouts[name] = partial(_loss, data, m, c, found[rolls[name]]["values"])
     estimates = {n: SECONDS[n.rsplit("/", 1)[1]] for n in rollouts}
-    losses = run_cases(rollouts, store=store, mark=mark, estimates=estimates, only=only)
+    losses = run_cases(rollouts, store=store, mark=mark, estimates=estimates) if rollouts else {}
     return {"bench": "table2", "notes": list(NOTES), "cells": _cells(found, losses, conditions)}
 
 

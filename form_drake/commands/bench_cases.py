@@ -1,6 +1,5 @@
 """What the options of benches have in common."""
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,8 @@ class Cases:
     """Many cases, each kept when it is finished, until all are there."""
 
     out: Path | None = None
-    """JSON file to write; default: runs/bench-NAME/NAME.json, NAME that of the bench. What is finished
-    stays beside it."""
+    """JSON file to write; default: runs/bench-NAME/NAME.json, NAME that of the bench. Finished cases stay
+    beside it, in NAME.json.cases, and are not run again by the same code."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these."""
     json: bool = False
@@ -28,12 +27,10 @@ class Cases:
         run: Callable[..., dict[str, Any]],
         table: Callable[[dict[str, Any]], str],
     ) -> None:
-        """Run with ``store`` and ``only``; finished cases of a part of the bench stay for the rest."""
+        """Run with ``store``, where finished cases stay, and ``only``."""
         out = target(self.out or Path("runs") / f"bench-{name}" / f"{name}.json")
         store = out.with_name(out.name + ".cases")
         result = run(store=store, only=self.only)
         write_json(out, result)
-        if not self.only:
-            shutil.rmtree(store, ignore_errors=True)
         emit(table(result), result, as_json=self.json)
         say(f"written: {out}")

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Changes, device, emit, out_file, run_in, say
 from form_drake.effects import catalogue
-from form_drake.files import spare, target_folder, whole_folder, write_json, write_text
+from form_drake.files import joined, spare, target_folder, whole_folder, write_json, write_text
 from form_drake.material import read_material
 from form_drake.records import Recording, read_recording, write_recording
 
@@ -39,7 +39,7 @@ class Simulate:
     field: Literal["displacement", "speed", "stress", "pressure"] = "stress"
     """What colours the particles of the Meshcat page."""
     page: bool = True
-    """Write the Meshcat page; --no-page leaves it out."""
+    """Leave out the Meshcat page, which is written otherwise."""
     live: bool = False
     """Show the simulation while it runs, in a browser."""
     perception: Literal["stereo"] | None = None
@@ -73,17 +73,18 @@ class Simulate:
         changes = (*own, f"solver.device={self.device}", *self.set)
         scenario = load_scenario(self.scenario, changes, effects)
         device(scenario.solver.device)
-        if self.graphviz is not None:
-            dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
-            write_text(dot, prepare(scenario, effects=effects).diagram.GetGraphvizString())
-            if self.json:
-                emit("", {"diagram": str(dot)}, as_json=True)
-            say(f"written: {dot}")
-            return
         seen = self.perception is not None
         within = seen and (self.live or self.answers is not None)
         if seen:
             scenario = seen_by_cameras(scenario)
+        if self.graphviz is not None:
+            dot = out_file(self.graphviz, ".dot", ".gv", option="--graphviz")
+            drawn = prepare(scenario, seen=within, answers=self.answers, effects=effects)
+            write_text(dot, drawn.diagram.GetGraphvizString())
+            if self.json:
+                emit("", {"diagram": str(dot)}, as_json=True)
+            say(f"written: {dot}")
+            return
         out = target_folder(self.out or Path("runs") / scenario.name)
         spare(out, Path(self.scenario), self.material, self.effects)
         hidden = truth(scenario)
@@ -152,7 +153,9 @@ class Simulate:
             KeyboardInterrupt: the same.
         """
         kept = f"pictures, rig and probe are kept in {out / 'seen'}: form-drake track reads them"
-        recording, page = (str(out.resolve() / name) for name in ("recording.h5", "seen.html"))
+        names = ("recording.h5", "seen.html")
+        joined(out, *names)
+        recording, page = (str(out.resolve() / name) for name in names)
         given = ("pictures", "--calibration", "rig.yaml", "--probe", "probe.h5")
         made = ("--out", recording, "--report", page, "--device", device)
         try:

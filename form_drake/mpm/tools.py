@@ -43,7 +43,7 @@ class Tool:
         if isinstance(self.contact, str) or not 0.0 <= self.contact < np.inf:
             raise ValueError(
                 f"tool {self.name}: contact {self.contact!r}; allowed are a coefficient of at least"
-                " 0, stick, tied and bonded"
+                f" 0, stick{', tied' if self.plate else ''} and bonded"
             )
 
 
