@@ -80,7 +80,7 @@ def full_recording() -> Recording:
             )
         },
         forces={"NAME": replace(stream(3), noise=1.0)},
-        joints=stream(SIZES["joints"]),
+        joints=replace(stream(SIZES["joints"]), noise=1.0),
         cameras={"NAME": Camera(np.eye(3), np.eye(4), np.zeros(5), (640, 480))},
         geometry={"shape": "box"},
         contact={"z-": "frictionless floor"},
@@ -97,7 +97,6 @@ def layout_table() -> str:
     """Every attribute and dataset of a recording's file."""
     says = attributes(Recording) | {
         "form_drake_recording": "Version of this layout.",
-        "form_drake": "Version of the program that wrote the file.",
     }
     recording, raw = full_recording(), stated(Recording)
     words = {n: d for d, n in SIZES.items()}

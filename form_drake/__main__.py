@@ -83,7 +83,8 @@ def _parse(arguments: list[str]) -> Any:
 def _plainer(text: str) -> str:
     """Help without what says nothing: that an option may be left out, and that nothing stands for it then."""
     text = re.sub(r"\{None\}\|(\S+)", rf"\1{'':7}", text)
-    nothing = r"\(default:\s*(?:None|False)?\) *"
+    text = re.sub(r"\{None,(\S+\})", rf"{{\1{'':5}", text)
+    nothing = r"\(default:\s*(?:None|False|'')?\) *"
     return re.sub(rf" *{nothing}", "", re.sub(rf"\n +{nothing}(?=\n)", "", text))
 
 

@@ -344,6 +344,8 @@ def test_a_block_that_rests_without_any_tool_is_predicted(capsys, files, here):
         code, out, said = run(capsys, "predict", files / "true.yaml", name, *told)
         assert code == 0, said
         assert 0.0 < json.loads(out)["shape_rms"] < 5e-3  # how far it sinks
+    told = refusal(capsys, "predict", files / "true.yaml", "rest.h5", "--dx", "2.5")
+    assert "dx 2.5 m: up to 0.005 m is wanted" in told  # millimetres
 
 
 UNUSED = {

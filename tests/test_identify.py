@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from form_drake import LAWS, Material, Recording, Solver, Unidentifiable, Wall, identify, predict
+from form_drake.identify.options import WeakOptions
 from form_drake.identify.start import refuse_local_minimum
 from form_drake.identify.trials import Rollouts
 from form_drake.records import States
@@ -185,6 +186,11 @@ def test_options_that_do_not_fit_are_refused(options, message):
         ({"start": {"mu": 1e3, "lam": -1.0}}, "--start: lam must be positive"),
         ({"observe": "full"}, "no two consecutive solver states|no stresses"),
         ({"law": "bingham"}, "bingham needs given values for kappa"),
+        ({"weak": WeakOptions(estimator="ols")}, "--estimator applies to the weak form"),
+        (
+            {"weak": [WeakOptions(seed=3, free=(0,), window=0.1)]},
+            "--window, --traction-free applies to the weak form",
+        ),
     ],
 )
 def test_options_that_do_not_fit_positions_are_refused(options, message):
@@ -202,6 +208,10 @@ def test_a_recording_must_state_what_is_needed():
             identify(replace(recording, **{name: None}))
     with pytest.raises(ValueError, match="no stresses"):
         identify(changed(recording, tau=None), observe="full")
+    plastic, _ = oracle("steps", "von-mises")
+    with pytest.raises(ValueError, match="states no fixed solver step"):
+        solver = replace(plastic.solver, dt=None)
+        identify(replace(plastic, solver=solver), observe="full")
     blank = np.full_like(recording.states.tau, np.nan)
     with pytest.raises(ValueError, match="no stresses"):
         identify(changed(recording, tau=blank), observe="full")
@@ -275,6 +285,7 @@ def test_the_noise_is_estimated_and_the_degradation_is_said():
     # 8 x 14544 residuals: relative standard deviation of their mean 0.002
     assert np.mean(levels) == pytest.approx(NOISE, rel=0.01)
     assert noisy(0).details["added_noise"] == NOISE
+    assert "NOISE ADDED: 0.001 m" in str(noisy(0))
     assert noisy(0).material.values != noisy(1).material.values
 
 

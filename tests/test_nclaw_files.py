@@ -130,6 +130,12 @@ def test_damaged_npz_data_are_refused(tmp_path):
     np.savez_compressed(path, **nclaw_arrays())
     path.write_bytes(flipped(path.read_bytes()))
     refused(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        for name, value in nclaw_arrays().items():
+            with archive.open(f"{name}.npy", "w") as entry:
+                np.save(entry, value)
+    path.write_bytes(flipped(path.read_bytes()))
+    refused(path)
 
 
 METADATA = {

@@ -1,16 +1,19 @@
 """What a recording lacks, and what it states twice or not at all: closed-form press of a neo-Hookean block."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from form_drake import Recording, Stream, Unidentifiable, identify
 from form_drake.identify import WeakOptions
 from form_drake.motion import Sampling, body, fit_tracks
 from form_drake.motion.tracks import bridged, sighted
-from form_drake.records import degraded, restated, thinned
+from form_drake.records import Solver, degraded, restated, thinned, write_recording
+from helpers.commands import refusal, run
 
 C10, KAPPA, FRAMES = 1e4, 1e5, 61
 SIZE = np.array([0.02, 0.02, 0.015])
@@ -130,6 +133,56 @@ def test_rows_under_a_recorded_pressure_are_as_noisy_as_they_are_told_to_be(pres
     power = np.mean(np.square(drawn), axis=0)
     (noise,) = problem.noise(eta, theta)
     assert power.sum() / np.trace(noise) == pytest.approx(1.0, abs=0.15)
+
+
+def test_noise_that_is_added_is_another_in_every_probe_and_is_told(pressed, monkeypatch):
+    seen, made = [], recording(pressed)
+
+    def asked(ready, *words):
+        seen.append([r.p_WQ - made.p_WQ for r in ready])
+        threads.append({p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"})
+        return identified(ready, *words)
+
+    identification = import_module("form_drake.identify")  # the function has its name
+    threads, identified = [], identification.identify_weak
+    monkeypatch.setattr(identification, "identify_weak", asked)
+    other = replace(made, p_WQ=made.p_WQ + 1e-9)
+    with threadpool_limits(2, user_api="blas"):
+        found = identify([made, other], weak=BOX, add_noise=1e-5, seed=3)
+    assert found.details["added_noise"] == 1e-5 and "NOISE ADDED: 1e-05 m" in str(found)
+    assert threads == [{1}]
+    identify(made, weak=BOX, add_noise=1e-5, seed=3)
+    (first, second), (alone,) = seen
+    assert np.array_equal(first, alone)
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.05
+
+
+def test_a_report_that_lies_in_the_folder_is_of_the_run(pressed, here, capsys):
+    """So that the next run takes its place."""
+    with pytest.raises(ValueError, match=r"written to a file that ends in [.]h5"):
+        write_recording(recording(pressed), here / "press")
+    write_recording(recording(pressed), here / "press.h5")
+    for _ in range(2):
+        told = ("press.h5", "--fields", "box", "--report", "runs/identify/seen/it.html")
+        code, _, said = run(capsys, "identify", *told)
+        assert code == 0, said
+    (here / "runs/identify/mine.txt").touch()
+    assert "no earlier run has made (mine.txt)" in refusal(capsys, "identify", "press.h5")
+
+
+def test_gravity_that_only_a_solver_states_acts(pressed):
+    solver = Solver(dx=1e-3, nodes=(40,) * 3, dt=None, gravity=(0.0, 0.0, -9.81))
+    every = (
+        recording(pressed, gravity=np.array(solver.gravity)),
+        recording(pressed, solver=solver, gravity=None),
+    )
+    one, other = (identify(r, weak=BOX).weak.problem.probes[0].gravity for r in every)
+    assert one == pytest.approx([0.0, 0.0, -9.81]) and other == pytest.approx(one)
+
+
+def test_a_sum_of_stiffnesses_has_no_poisson_ratio_to_state(pressed):
+    with pytest.raises(ValueError, match="has no parameter 'nu'"):
+        identify(recording(pressed), "fixed-corotated+yeoh", weak=BOX, known={"nu": 0.45})
 
 
 def test_fewer_rows_than_unknowns_determine_none(pressed):

@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 import tyro
 
 from form_drake.commands.output import Assignments, assignments, emit, out_file, say
-from form_drake.files import spare, target_folder, whole_folder, write_json
+from form_drake.files import joined, spare, target_folder, whole_folder, write_json
 from form_drake.identify import WeakOptions, chosen_method, identify
 from form_drake.laws import load
-from form_drake.records import Recording, read
+from form_drake.motion.tracks import sighted
+from form_drake.records import Recording, read, thinned
 from form_drake.weak_report import weak_report
 
 
@@ -20,7 +21,7 @@ class Identify:
     """Identify a material's law from a recording, with error bars."""
 
     recording: tyro.conf.Positional[tuple[Path, ...]]
-    """Recording: an .h5 file, or an NCLaw .npz file with metadata.json beside it; several probes of
+    """One recording or more: an .h5 file, or an NCLaw .npz file with metadata.json beside it; several probes of
     one material are stacked by the weak form."""
     law: str | None = None
     """Constitutive law, or a sum such as yeoh+gent (see: form-drake list laws); default: the one
@@ -111,6 +112,8 @@ class Identify:
             with whole_folder(out) as folder:
                 answer.material.write(folder / "material.yaml")
                 write_json(folder / "result.json", answer.to_json())
+            if report is not None and out.resolve() in report.resolve().parents:
+                joined(out, report.resolve().relative_to(out.resolve()).as_posix())
             out = out / "material.yaml"
         if report is not None:
             weak_report(answer, report)
@@ -131,7 +134,8 @@ class Identify:
         from form_drake.systems.replay import twin
         from form_drake.systems.scenario import load_scenario
 
-        return twin(load_scenario(scenario), recordings[0].measured_by(self.force))
+        seen = thinned(sighted(recordings[0].measured_by(self.force)), self.stride)
+        return twin(load_scenario(scenario), seen)
 
     def _weak(self) -> WeakOptions:
         axes = [part.strip() for part in self.traction_free.split(",") if part.strip()]

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from form_drake.commands.output import Assignments, assignments, device, emit, out_file, say
 from form_drake.diagnose import Model, Scenes
+from form_drake.diagnose.admitted import require_fine
 from form_drake.diagnose.verify import there
 from form_drake.effects import Effect, catalogue
 from form_drake.effects.acting import placed
@@ -148,6 +149,7 @@ class Predict:
         sensors = {k: s for k, s in recording.forces.items() if ":" not in k}
         recording = replace(recording, forces=sensors)
         shape = body(recording)
+        require_fine(self.dx, shape)
         with about(self.material):
             placed(model.causes, shape.low, shape.high)
         scenes = Scenes.of((recording,), self.dx, self.device)

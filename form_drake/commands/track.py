@@ -19,7 +19,7 @@ class Track:
     """Track points of a specimen's face through the pictures of two cameras."""
 
     images: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of pictures, or pictures, named CAMERA_NUMBER.png with the cameras' names."""
+    """One folder of pictures or more, or pictures, named CAMERA_NUMBER.png with the cameras' names."""
     calibration: Path
     """Rig (YAML): cameras, their rate, the specimen's box and the face that is seen."""
     out: Path

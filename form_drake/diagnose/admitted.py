@@ -11,7 +11,7 @@ from form_drake.diagnose.verify import tracking_noise
 from form_drake.files import about
 from form_drake.identify.stated import same_motion
 from form_drake.laws import Law
-from form_drake.motion import body
+from form_drake.motion import Body, body
 from form_drake.motion.tracks import require_frames
 from form_drake.records import Recording
 from form_drake.weak.force import FEW, measured
@@ -107,6 +107,23 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
         )
 
 
+def require_fine(dx: float | None, shape: Body) -> None:
+    """Refuse a grid that is too coarse for a body.
+
+    Args:
+        dx: grid spacing [m]; None: chosen.
+        shape: of the body.
+
+    Raises:
+        ValueError: it is.
+    """
+    most = COARSEST * float(np.min(shape.high - shape.low))
+    if dx is not None and dx > most:
+        raise ValueError(
+            f"dx {dx:g} m: up to {most:.3g} m is wanted, a quarter of the body's least edge"
+        )
+
+
 def _require_scene(recording: Recording, dx: float | None) -> None:
     shape = body(recording)
     size = shape.high - shape.low
@@ -115,11 +132,7 @@ def _require_scene(recording: Recording, dx: float | None) -> None:
             f"its box has edges of {', '.join(f'{edge:g}' for edge in size)} m: lengths are in metres; are these"
             " millimetres?"
         )
-    most = COARSEST * float(np.min(size))
-    if dx is not None and dx > most:
-        raise ValueError(
-            f"dx {dx:g} m: up to {most:.3g} m is wanted, a quarter of the body's least edge"
-        )
+    require_fine(dx, shape)
     _ = Scenes.of((recording,), dx).spacings  # refuses faces and poses that no stage can hold
     require_placed(recording)
     if recording.gravity is None:

@@ -6,7 +6,7 @@ step and walls are stated; ``weak`` reads tracks and forces that no solver made.
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -53,7 +53,6 @@ def default_method(recording: Recording) -> Method:
     return "rollout" if recording.solver is not None and recording.step is not None else "weak"
 
 
-@single
 def chosen_method(
     recordings: Sequence[Recording], method: Method | None, observe: Observe | None
 ) -> Method:
@@ -63,6 +62,7 @@ def chosen_method(
     return method or ("weak" if len(recordings) > 1 else default_method(recordings[0]))
 
 
+@single
 def identify(
     recording: Recording | Sequence[Recording],
     law: str | None = None,
@@ -123,11 +123,16 @@ def identify(
             "start": bool(start),
         }
         refuse_flags(flags, "step and rollout only: leave out --method weak")
-        ready = [_degraded(sighted(r), stride, position_noise, add_noise, seed) for r in recordings]
+        ready = [
+            _degraded(sighted(r), stride, position_noise, add_noise, [seed, n] if n else seed)
+            for n, r in enumerate(recordings)
+        ]
         if twin == "stated":
             twin = stated_scenes(ready, chosen)
-        return identify_weak(ready, chosen, weak_known(ready, chosen, known or {}), weak, twin)
-    refuse_flags({"twin": twin is not None}, "the weak form: add --method weak")
+        given = weak_known(ready, chosen, known or {})
+        return _noted(identify_weak(ready, chosen, given, weak, twin), add_noise)
+    flags = {"twin": twin is not None} | _changed(weak)
+    refuse_flags(flags, "the weak form: add --method weak")
     if len(recordings) > 1:
         raise ValueError(f"--method {method} takes one recording, got {len(recordings)}")
     seen = observe or most_observed(first)
@@ -143,15 +148,11 @@ def identify(
             raise ValueError(f"--method rollout observes positions, not {observe}")
         ready = [_degraded(first, stride, position_noise, add_noise, seed)]
         rest_shape(first)
-        return _checked_positions(
-            ready[0],
-            chosen,
-            given,
-            start,
-            initial_velocity,
-            add_noise,
-            first.p_reference is not None,
+        exact = first.p_reference is not None
+        answer = _checked_positions(
+            ready[0], chosen, given, start, initial_velocity, add_noise, exact
         )
+        return _noted(answer, add_noise)
     flags = {
         "stride": stride != 1,
         "add_noise": add_noise is not None,
@@ -192,7 +193,7 @@ def _degraded(
     stride: int,
     position_noise: float | None,
     add_noise: float | None,
-    seed: int,
+    seed: int | list[int],
 ) -> Recording:
     if position_noise is not None:
         recording = restated(recording, position_noise)
@@ -216,9 +217,25 @@ def _checked_positions(
             f"no rollout comes nearer than {answer.residual:.3g} m: either the first frame, taken for"
             " the rest shape, is noisy (state p_reference), or the law is another one"
         )
-    if add_noise is not None:
-        answer = replace(answer, details={**answer.details, "added_noise": add_noise})
     return answer
+
+
+def _noted(answer: Identification, add_noise: float | None) -> Identification:
+    """The answer, which says what noise was added on purpose."""
+    if add_noise is None:
+        return answer
+    return replace(answer, details={**answer.details, "added_noise": add_noise})
+
+
+def _changed(weak: WeakOptions | Sequence[WeakOptions] | None) -> dict[str, bool]:
+    """Which options of the weak form are not as they are by default, but for the seed."""
+    every, plain = [weak] if isinstance(weak, WeakOptions) else list(weak or ()), WeakOptions()
+    names = {f.name: f.name for f in fields(WeakOptions) if f.name != "seed"}
+    names["free"] = "traction_free"
+    return {
+        told: any(getattr(one, name) != getattr(plain, name) for one in every)
+        for name, told in names.items()
+    }
 
 
 def _identify_positions(

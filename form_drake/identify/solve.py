@@ -186,6 +186,8 @@ def table(answer: Identification) -> str:
         f" {answer.residual_unit}, {answer.seconds:.2f} s"
         f" (+ {answer.compile_seconds:.1f} s kernels)"
     )
+    if added := answer.details.get("added_noise"):
+        lines.append(f"NOISE ADDED: {added:.3g} m on every coordinate, on purpose")
     if bound := answer.details.get("at_bound"):
         lines.append(
             f"AT ITS BOUND: {', '.join(bound)} would come out negative; intervals are those without the bound"

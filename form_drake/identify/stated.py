@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from form_drake.laws import LAWS, Law, law_named
-from form_drake.laws.values import LAME, checked_values, finite
+from form_drake.laws.values import LAME, checked_values, finite, has_lame
 from form_drake.records import Recording
 
 
@@ -97,10 +97,10 @@ def weak_known(
     stated = dict(known)
     for recording in recordings:
         declared = dict(recording.known)
-        if "nu" in declared and set(LAME) <= set(law.keys):
+        if "nu" in declared and has_lame(law):
             stated = {"nu": declared.pop("nu"), **stated}
         given |= declared_values(replace(recording, known=declared), law)
-    if "nu" in stated and "E" not in stated and set(LAME) <= set(law.keys):
+    if "nu" in stated and "E" not in stated and has_lame(law):
         nu = finite("nu", stated.pop("nu"))
         if not -1.0 < nu < 0.5:
             raise ValueError(f"nu: must lie between -1 and 0.5, got {nu}")

@@ -194,7 +194,14 @@ def yielding(states: States, solver: Solver, law: Law) -> np.ndarray:
 
     A particle yields where F_{n+1} differs from the trial value (I + dt L_{n+1}) F_n by more than
     round-off. Shape [samples, 2].
+
+    Raises:
+        ValueError: the recording states no fixed step.
     """
+    if solver.dt is None:
+        raise ValueError(
+            "the recording states no fixed solver step: what yields in one is not told"
+        )
     dtype = np.float32 if solver.precision == "float32" else np.float64
     L = states.C if states.L is None else states.L
     slack = 200.0 * np.finfo(dtype).eps

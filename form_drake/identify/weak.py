@@ -218,7 +218,7 @@ def _answer(ready: Weighed, options: WeakOptions) -> tuple[Identification, WeakF
         seconds=0.0,
         details={
             "effective_rows": free.effective,
-            "at_bound": at_bound(problem, system, phi),
+            "at_bound": at_bound(problem, system, freed),
             "noise_misfit": float(np.sqrt(np.mean(white**2))),
         },
     )

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from form_drake.records.degrade import degraded, framed, picked, restated, thinned
-from form_drake.records.hdf5 import read_recording, write_recording
+from form_drake.records.hdf5 import SUFFIXES, read_recording, write_recording
 from form_drake.records.nclaw import read_nclaw
 from form_drake.records.recording import Camera, Recording, States, Stream
 from form_drake.records.solver import Solver, Wall
 from form_drake.records.stepped import Stepped, rest_shape, stepped
 
-READERS = {".h5": read_recording, ".hdf5": read_recording, ".npz": read_nclaw}
+READERS = {**dict.fromkeys(SUFFIXES, read_recording), ".npz": read_nclaw}
 
 
 def read(path: Path) -> Recording:

@@ -52,7 +52,7 @@ def framed(recording: Recording) -> Recording:
     return replace(recording, forces=forces)
 
 
-def degraded(recording: Recording, sigma: float, seed: int) -> Recording:
+def degraded(recording: Recording, sigma: float, seed: int | list[int]) -> Recording:
     """A copy with independent Gaussian noise [m] on every coordinate; the rest shape stays exact.
 
     Where points of the surface alone are seen, the first frame is none, and as noisy as the others.

@@ -27,7 +27,6 @@ ATTRIBUTES = (
     "law",
     "solver",
     "source",
-    "form_drake",
     "form_drake_recording",
 )
 PLACES = {  # units by place, * for any name
@@ -45,12 +44,20 @@ PLACES = {  # units by place, * for any name
     )
     for name, unit in units.items()
 }
+SUFFIXES = (".h5", ".hdf5")
 STREAMS = (("poses", "*"), ("forces", "*"), ("joints",))
 
 
 def write_recording(recording: Recording, path: Path) -> None:
-    """Write the file, whole."""
-    with whole(Path(path)) as temporary, h5py.File(temporary, "w") as file:
+    """Write the file, whole.
+
+    Raises:
+        ValueError: its name does not end in .h5 or .hdf5.
+    """
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"{path}: a recording is written to a file that ends in {SUFFIXES[0]}")
+    with whole(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["form_drake_recording"] = VERSION
         file.attrs["source"] = recording.source
         file.attrs["noise"] = "unknown" if recording.noise is None else recording.noise

@@ -5,6 +5,7 @@ true parameters, is never looked up. The generator's own rounding is part of its
 is named as it was: float32, Warp's built-in SVD, the moving-least-squares gradient.
 """
 
+import lzma
 import struct
 import tokenize
 import zipfile
@@ -24,6 +25,7 @@ BROKEN = (
     zipfile.BadZipFile,
     zipfile.LargeZipFile,
     zlib.error,
+    lzma.LZMAError,
     struct.error,
     OSError,
     EOFError,

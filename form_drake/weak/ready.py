@@ -68,11 +68,9 @@ def prepared(
         )
 
     rough = [np.linspace(c[0], c[-1], 1 + (len(c) + 1) // 2) for c in cells]
-    gravity = (
-        np.zeros(3)
-        if recording.gravity is None
-        else np.asarray(recording.gravity, float) / recording.mass_scale
-    )
+    falls = np.zeros(3) if recording.solver is None else recording.solver.gravity
+    stated = falls if recording.gravity is None else recording.gravity
+    gravity = np.asarray(stated, float) / recording.mass_scale
     frames = recording.time - recording.time[0]
     hold = holding(shape)
     forces = {

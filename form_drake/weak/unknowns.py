@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from form_drake.laws import Law
-from form_drake.laws.values import LAME, lame
+from form_drake.laws.values import LAME, has_lame, lame
 from form_drake.weak.stress import volumetric
 
 Pressure = Literal["law", "free", "supplied"]
@@ -53,7 +53,7 @@ class Unknowns:
         terms = [t.key for t in law.terms]
         acts = np.array([pressure == "law" or not v for v in volumetric(law)])
         nu = known.get("nu")
-        tied = nu is not None and set(LAME) <= set(terms)
+        tied = nu is not None and has_lame(law)
         keys: list[str] = []
         shares: list[np.ndarray] = []
         for n, key in enumerate(terms):
