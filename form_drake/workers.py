@@ -5,11 +5,12 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import cache, wraps
 from multiprocessing.connection import Connection, wait
@@ -50,17 +51,17 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:
         return [task(item) for item in todo]
-    made = dict(_copied(task, todo))
+    made = dict(_copied(task, todo, lasting=True))
     return [_told(made[n]) for n in sorted(made)]
 
 
 def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> Iterator[R]:
-    """The same as they come, an exception too."""
+    """The same as they come, an exception too; each task in a copy of its own, memory and all."""
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:
         yield from map(task, todo)
         return
-    with closing(_copied(task, todo)) as made:
+    with closing(_copied(task, todo, lasting=False)) as made:
         for _, outcome in made:
             yield _told(outcome)
 
@@ -94,53 +95,91 @@ def copies(count: int, *, fork: bool = True) -> int:
 
 
 def _copied(
-    task: Callable[[T], R], items: Sequence[T]
+    task: Callable[[T], R], items: Sequence[T], *, lasting: bool
 ) -> Generator[tuple[int, R | Failed], None, None]:
-    """What becomes of items, by number, each in a copy of its own; after a failure none is begun."""
-    fork, count = multiprocessing.get_context("fork"), copies(len(items))
+    """What becomes of items, by number; after a failure none is begun.
+
+    A copy works on one of them, or is ``lasting``: on one after another, with what it has loaded.
+    """
     waiting = deque(range(len(items)))
     running = dict[Connection, tuple[int, ForkProcess]]()
     try:
         while waiting or running:
-            while waiting and len(running) < count:
-                n = waiting.popleft()
-                ours, theirs = fork.Pipe(duplex=False)
-                copy = fork.Process(target=_send, args=(theirs, task, items[n]), daemon=True)
-                copy.start()
-                theirs.close()  # so that the end of the copy is that of the pipe
-                running[ours] = n, copy
+            while waiting and len(running) < copies(len(items)):
+                ours, copy = _copy(task, items, list(running))
+                running[ours] = waiting.popleft(), copy
+                ours.send(running[ours][0])
             for ours in cast(list[Connection], wait(list(running))):
-                outcome = _received(ours, running[ours][1])
-                n, _ = running.pop(ours)
+                n, copy = running[ours]
+                outcome = _received(ours, copy)
                 if isinstance(outcome, Failed):
                     waiting.clear()
+                if lasting and waiting:
+                    running[ours] = waiting.popleft(), copy
+                    ours.send(running[ours][0])
+                else:
+                    del running[ours]
+                    ours.close()
                 yield n, outcome
     finally:
-        for _, copy in running.values():
-            copy.terminate()
-        for _, copy in running.values():
-            copy.join(TIDIES)
-            copy.kill()
+        _end([copy for _, copy in running.values()])
 
 
-def _send(end: Connection, task: Callable[[Any], Any], item: Any) -> None:
-    """Work in a copy."""
+def _copy(
+    task: Callable[[Any], Any], items: Sequence[Any], others: Sequence[Connection]
+) -> tuple[Connection, ForkProcess]:
+    """A copy of this process that works on items, and the end of its pipe."""
+    fork = multiprocessing.get_context("fork")
+    ours, theirs = fork.Pipe()
+    copy = fork.Process(target=_work, args=(theirs, (ours, *others), task, items), daemon=True)
+    copy.start()
+    theirs.close()  # so that the end of the copy is that of the pipe
+    return ours, copy
+
+
+def _work(
+    end: Connection,
+    others: Sequence[Connection],
+    task: Callable[[Any], Any],
+    items: Sequence[Any],
+) -> None:
+    """Work in a copy on items whose numbers come, until none does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process itself ends its copies
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and they what they have begun
-    try:
-        outcome = task(item)
-    except Exception as error:
-        error.add_note(traceback.format_exc())
-        outcome = Failed(error)
-    end.send(outcome)
+    signal.signal(signal.SIGTERM, _tidy)  # and they what they have begun
+    for other in others:  # so that the end of the process is that of the pipe
+        other.close()
+    with suppress(EOFError, BrokenPipeError):
+        while True:
+            n = end.recv()
+            try:
+                outcome = task(items[n])
+            except Exception as error:
+                error.add_note(traceback.format_exc())
+                outcome = Failed(error)
+            end.send(outcome)
+
+
+def _tidy(*_: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(1)
+
+
+def _end(running: Sequence[ForkProcess]) -> None:
+    """End copies; one that is about to wait for something may not hear it the first time."""
+    until = time.monotonic() + TIDIES
+    while time.monotonic() < until and any(copy.is_alive() for copy in running):
+        for copy in running:
+            copy.terminate()
+            copy.join(0.1)
+    for copy in running:
+        copy.kill()
 
 
 def _received(end: Connection, copy: ForkProcess) -> Any:
-    with end:
-        try:
-            return end.recv()
-        except EOFError:
-            copy.join()
+    try:
+        return end.recv()
+    except (EOFError, ConnectionResetError):
+        copy.join()
     if copy.exitcode == -signal.SIGKILL:
         return Failed(MemoryError("a copy of this process was killed"))
     return Failed(

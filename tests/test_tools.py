@@ -226,7 +226,7 @@ def test_two_bodies_push_each_other():
     ("make", "said"),
     [
         (lambda: Tool("t", Solid.sphere(1.0), -0.1), "coefficient of at least 0"),
-        (lambda: Tool("t", Solid.sphere(1.0), "glue"), "stick, tied and bonded"),
+        (lambda: Tool("t", Solid.sphere(1.0), "glue"), "0, stick and bonded"),
         (lambda: Tool("t", Solid.half_space(), "tied"), "tool t: only a plate ties"),
         (lambda: Tool("t", Solid.sphere(1.0), plate=True), "a plate is a half-space, not a sphere"),
         (lambda: Solid.sphere(0.0), "positive"),
