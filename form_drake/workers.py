@@ -107,22 +107,27 @@ def _copied(
         while waiting or running:
             while waiting and len(running) < copies(len(items)):
                 ours, copy = _copy(task, items, list(running))
-                running[ours] = waiting.popleft(), copy
-                ours.send(running[ours][0])
+                running[ours] = _handed(ours, waiting.popleft()), copy
             for ours in cast(list[Connection], wait(list(running))):
                 n, copy = running[ours]
                 outcome = _received(ours, copy)
                 if isinstance(outcome, Failed):
                     waiting.clear()
                 if lasting and waiting:
-                    running[ours] = waiting.popleft(), copy
-                    ours.send(running[ours][0])
+                    running[ours] = _handed(ours, waiting.popleft()), copy
                 else:
                     del running[ours]
                     ours.close()
                 yield n, outcome
     finally:
         _end([copy for _, copy in running.values()])
+
+
+def _handed(end: Connection, n: int) -> int:
+    """The number of an item, handed to a copy; that one has ended is heard when its work is awaited."""
+    with suppress(BrokenPipeError, ConnectionResetError):
+        end.send(n)
+    return n
 
 
 def _copy(

@@ -428,6 +428,23 @@ def test_a_page_that_cannot_play_costs_no_answer(diagnosis, tmp_path, monkeypatc
     )
 
 
+def test_an_interrupted_check_of_what_is_written_costs_no_answer(diagnosis, tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("form_drake.diagnosis_folder.subprocess.run", interrupted)
+    monkeypatch.setattr("form_drake.diagnosis_folder._play", lambda *a: ("", ""))
+    seen = shaken()[:1]
+    scenes = SimpleNamespace(recordings=seen, dx=(1e-3,), device="cpu")
+    runs = SimpleNamespace(recordings=seen)
+    check = SimpleNamespace(before=runs, scenes=scenes, channels=lambda after: [], unread="")
+    check.stands = lambda after: True
+    told = write_diagnosis(replace(diagnosis, check=check, after=runs), Nulls.common(), tmp_path)
+    assert told["written"] == [{"failed": "interrupted", "tracks": None, "forces": {}}]
+    assert "material.yaml fails: interrupted" in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "discrepancy.json").is_file()
+
+
 def test_three_bodies_stand_beside_each_other():
     seen, before, after = shaken()
     shown = Beside.of(seen, before, after)

@@ -63,8 +63,11 @@ def run_cases(
             results[name] = saved
     left = [n for n in names if n not in results]
     minutes = sum(estimates.get(n, 10.0) for n in left) / 60.0
-    message = f"{len(left)} of {len(names)} cases to run, about {minutes:.1f} min; kept in {store}"
-    tqdm.write(message, file=sys.stderr)
+    tqdm.write(
+        f"{len(left)} of {len(names)} cases to run, about {minutes:.1f} min; kept in {store} (without it all are"
+        " run again)",
+        file=sys.stderr,
+    )
     for name in tqdm(left, unit="case", disable=None, leave=False):
         started = time.perf_counter()
         result = plain(cases[name]())
