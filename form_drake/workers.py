@@ -8,7 +8,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -55,7 +55,9 @@ def mapped(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> 
     return [_told(made[n]) for n in sorted(made)]
 
 
-def unordered(task: Callable[[T], R], items: Iterable[T], *, fork: bool = True) -> Iterator[R]:
+def unordered(
+    task: Callable[[T], R], items: Iterable[T], *, fork: bool = True
+) -> Generator[R, None, None]:
     """The same as they come, an exception too; each task in a copy of its own, memory and all."""
     todo = list(items)
     if copies(len(todo), fork=fork) == 1:

@@ -3,8 +3,11 @@
 import fcntl
 import importlib
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -433,6 +436,14 @@ def test_a_file_of_verdicts_is_of_one_run_at_a_time_and_of_one_set(drawn, tmp_pa
     monkeypatch.setattr(blind, "forkable", lambda: False)
     blind.run_blind(drawn / "a.json", seal, out)
     whole = out.read_text()
+    with blind._held(out):  # a copy that goes on longer holds what its process has held
+        pid = os.fork()
+        if not pid:
+            time.sleep(5.0)
+            os._exit(0)
+    blind.run_blind(drawn / "a.json", seal, out)
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
     with out.open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         with pytest.raises(ValueError, match="another run writes it"):

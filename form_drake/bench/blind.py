@@ -11,7 +11,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
@@ -106,13 +106,13 @@ def run_blind(
         hours = len(left) * SECONDS / 3600.0 / copies(len(left), fork=fork)
         tqdm.write(f"{len(left)} of {len(every)} cases, about {hours:.1f} h", file=sys.stderr)
         one_of = partial(_case, every, probes, head["seal"])
-        made = unordered(one_of, left, fork=fork)
-        for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
-            if "unmade" in one:
-                unmade[one["id"]] = one["unmade"]
-                continue
-            results.append(one)
-            print(json.dumps(one), file=file, flush=True)
+        with closing(unordered(one_of, left, fork=fork)) as made:
+            for one in tqdm(made, total=len(left), unit="case", disable=None, leave=False):
+                if "unmade" in one:
+                    unmade[one["id"]] = one["unmade"]
+                    continue
+                results.append(one)
+                print(json.dumps(one), file=file, flush=True)
     if unmade:
         name, why = next(iter(unmade.items()))
         raise ValueError(
@@ -148,7 +148,10 @@ def _held(path: Path) -> Iterator[TextIO]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(f"{path}: another run writes it; name another --out") from None
-        yield file
+        try:
+            yield file
+        finally:
+            fcntl.flock(file, fcntl.LOCK_UN)  # copies of this process that end later hold it too
 
 
 def _gone_on(file: TextIO, out: Path, head: dict[str, str]) -> list[dict[str, Any]]:
