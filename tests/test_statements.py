@@ -201,7 +201,7 @@ def test_probes_are_of_one_material_and_not_of_one_motion(pressed):
     made = recording(pressed)
     moved = replace(made, p_WQ=made.p_WQ + 1e-9)
     for other, words in (
-        (made, "recordings 1 and 2 hold the same motion"),
+        (made, "recording 2: the same motion as recording 1"),
         (replace(moved, law="yeoh"), "law: the recordings declare neo-hookean and yeoh"),
         (replace(moved, density=2.0), "density: the recordings declare 1.0 and 2.0"),
         (replace(moved, known={"kappa": 1e4}), "known kappa: the recordings declare"),

@@ -9,7 +9,7 @@ from form_drake.diagnose.plates import require_placed
 from form_drake.diagnose.prepare import require_throughout
 from form_drake.diagnose.verify import tracking_noise
 from form_drake.files import about
-from form_drake.identify.stated import same_motion
+from form_drake.identify.stated import require_distinct
 from form_drake.laws import Law
 from form_drake.motion import Body, body
 from form_drake.motion.tracks import require_frames
@@ -48,18 +48,13 @@ def require_one_specimen(recordings: Named) -> None:
             bodies.append(body(recording))
     (first, _), *rest = recordings
     shape, *sizes = bodies
-    for n, ((name, other), size) in enumerate(zip(rest, sizes, strict=True), start=1):
+    for (name, _), size in zip(rest, sizes, strict=True):
         same = np.allclose([size.low, size.high], [shape.low, shape.high], rtol=0.0, atol=1e-6)
         if not same or not np.isclose(size.density, shape.density):
             raise ValueError(
                 f"{name}: another specimen than {first}; boxes and densities must agree"
             )
-        for earlier, seen in recordings[:n]:
-            if same_motion(seen, other):
-                raise ValueError(
-                    f"{name}: the same motion as {earlier}, or a part of it: give each motion once, and hold back"
-                    " one that is not read"
-                )
+    require_distinct(recordings)
 
 
 def require_all_stated(recordings: Named, read: int, dx: float | None = None) -> None:

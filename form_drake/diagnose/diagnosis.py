@@ -17,7 +17,7 @@ from form_drake.diagnose.rollout import Astray, astray
 from form_drake.diagnose.verdict import Naming, Verdict, named
 from form_drake.diagnose.verify import Check, Predicted
 from form_drake.effects import Effect
-from form_drake.identify.stated import of_one_material
+from form_drake.identify.stated import numbered, of_one_material
 from form_drake.laws import Law
 from form_drake.material import Material
 from form_drake.motion.tracks import sighted
@@ -233,7 +233,7 @@ def diagnosed(
     every = (*recordings, *holdout)
     require_solid(law)
     of_one_material(every, law.name)
-    require_one_specimen([(f"recording {n}", one) for n, one in enumerate(every, start=1)])
+    require_one_specimen(numbered(every))
     for n, recording in enumerate(every):
         require_stated(recording, dx, held_back=n >= len(recordings))
     known = given(recordings, law, start)

@@ -19,8 +19,10 @@ from form_drake.identify.start import default_start, is_led, leader, refuse_loca
 from form_drake.identify.stated import (
     declared_law,
     declared_values,
+    numbered,
     of_one_material,
     refuse_flags,
+    require_distinct,
     weak_known,
 )
 from form_drake.identify.step import identify_step
@@ -113,6 +115,7 @@ def identify(
         raise ValueError("no recording is given")
     recordings = [r.measured_by(force) for r in recordings]
     of_one_material(recordings, law)
+    require_distinct(numbered(recordings))
     first = recordings[0]
     chosen = declared_law(next((r for r in recordings if r.law is not None), first), law)
     method = chosen_method(recordings, method, observe)
@@ -173,6 +176,7 @@ def estimates(
     Motions are read and rows weighed once for all of them.
     """
     of_one_material(recordings, None)
+    require_distinct(numbered(recordings))
     law = declared_law(recordings[0], None)
     recordings = [sighted(r) for r in recordings]
     try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -39,15 +40,20 @@ def declared_values(recording: Recording, law: Law) -> dict[str, float]:
     return found
 
 
+def numbered(recordings: Sequence[Recording]) -> list[tuple[str, Recording]]:
+    """Recordings beside the names by which refusals tell of them."""
+    return [(f"recording {n}", one) for n, one in enumerate(recordings, start=1)]
+
+
 def of_one_material(recordings: Sequence[Recording], law: str | None) -> None:
-    """Refuse recordings that declare different materials, and one that is given twice.
+    """Refuse recordings that declare different materials.
 
     Args:
         recordings: of probes.
         law: name of the law that is given in place of the declared ones; None: none is.
 
     Raises:
-        ValueError: saying what differs, or which are the same.
+        ValueError: saying what differs.
     """
     told: dict[str, list[float | str | None]] = {
         f"known {k}": [r.known.get(k) for r in recordings] for r in recordings for k in r.known
@@ -62,15 +68,25 @@ def of_one_material(recordings: Sequence[Recording], law: str | None) -> None:
                 f"{name}: the recordings declare {' and '.join(map(str, stated))}; probes of one material"
                 " are wanted"
             )
-    for n, one in enumerate(recordings):
-        for m, other in enumerate(recordings[:n]):
-            if same_motion(one, other):
-                raise ValueError(
-                    f"recordings {m + 1} and {n + 1} hold the same motion: leave one out"
-                )
 
 
-def same_motion(one: Recording, other: Recording) -> bool:
+def require_distinct(recordings: Sequence[tuple[str, Recording]]) -> None:
+    """Refuse one motion given twice.
+
+    Args:
+        recordings: each beside its name.
+
+    Raises:
+        ValueError: naming both.
+    """
+    for (earlier, seen), (name, other) in combinations(recordings, 2):
+        if _same_motion(seen, other):
+            raise ValueError(
+                f"{name}: the same motion as {earlier}, or a part of it: give each motion once"
+            )
+
+
+def _same_motion(one: Recording, other: Recording) -> bool:
     """Whether two recordings are the same, or most that the shorter shows was cut from the other."""
     if np.array_equal(one.p_WQ, other.p_WQ, equal_nan=True):
         return True
