@@ -21,6 +21,7 @@ from pydrake.geometry import (
     InMemoryMesh,
     MakeRenderEngineVtk,
     Mesh,
+    Meshcat,
     PerceptionProperties,
     RenderCameraCore,
     RenderEngineVtkParams,
@@ -45,7 +46,7 @@ from form_drake.systems.pictures import Photographer, rig_of, write_pictures
 from form_drake.systems.reconstructor import Reconstructor
 from form_drake.systems.scenario import load_scenario
 from form_drake.systems.station import specimen_corners
-from form_drake.systems.tracker import Tracker
+from form_drake.systems.tracker import SightViewer, Tracker
 
 RATE, FRAMES, PERIOD = 20.0, 4, 0.001
 STRETCH = np.array([1.03, 1.03, 0.93])
@@ -388,3 +389,16 @@ def test_an_answer_behind_the_diagram_reaches_who_looks_inside(monkeypatch):
         time.sleep(0.01)
         assert simulator.get_context().get_time() < 300.0
     assert materials() == "found" and [answer.time for answer in told] == [0.7]
+
+
+def test_points_that_are_followed_are_drawn_anew_with_another_run():
+    meshcat = Meshcat()
+    viewer = SightViewer(meshcat, np.array([0.0, 0.0, 1.0]))
+    context = viewer.CreateDefaultContext()
+    for now, frames in ((0.1, 1), (0.1, 1), (0.2, 2), (0.1, 1)):
+        seen = SimpleNamespace(
+            time=now, held=np.ones(2, bool), p_WQ=np.eye(3)[:2], likeness=np.array([0.9, 1.0])
+        )
+        viewer.get_input_port().FixValue(context, Value[object](SimpleNamespace(value=seen)))
+        viewer.ForcedPublish(context)
+        assert [meshcat.HasPath(f"/sight/{n}") for n in range(3)] == [n < frames for n in range(3)]
