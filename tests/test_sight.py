@@ -78,6 +78,19 @@ def test_what_the_grid_has_wrong_is_taken_off():
     assert sight.apart == pytest.approx(fine.apart, abs=1e-9)
 
 
+def test_what_the_grid_may_leave_at_a_point_weighs_no_more_than_noise():
+    """It keeps its course in time: other motions of that point, and other points, weigh what they did."""
+    sight = fitted()
+    (own,), (coarse,) = sight.scenes.spacings, sight.scenes.rough.spacings
+    share, places = 1.5 * own / (coarse - own), sight._labels[:, 2]
+    most = np.argmax(np.bincount(places, sight.grid**2))
+    left = share * np.where(places == most, sight.grid, 0.0)
+    assert np.linalg.norm(left) > 10.0 and np.linalg.norm(sight.white(left)) < 1.0
+    still = np.where(places == most, np.roll(sight.grid, len(sight.grid) // 7), 0.0)
+    across = still - left * (left @ still) / (left @ left)
+    assert np.linalg.norm(sight.white(across)) > 0.8 * np.linalg.norm(across)
+
+
 @pytest.mark.parametrize("name", HIDDEN)
 def test_what_is_hidden_stands_out_of_what_two_sides_show(name):
     """A mass at the top is nearly like a density from there: their simulations tell them apart."""

@@ -34,9 +34,6 @@ MOST = np.log(2.0)  # largest change of a modulus in a pass, of its logarithm
 TURN = 0.02  # of a modulus, in differences
 SMALL = 0.1  # of the largest modulus, which one that is smaller may change by
 ORDER = 3.0  # of the grid spacing, to which quadratic splines have displacements wrong
-# of what Richardson's extrapolation would add, one standard deviation: two are Roache's factor of safety
-# for two grids, 3, meant to hold 19 cases in 20 (Verification and Validation, 1998)
-SAFE = 1.5
 
 Recordings = Sequence[Recording]
 
@@ -131,9 +128,8 @@ class Match(Projected):
         finer = twin_of(self.problem, self.scenes, self.model, made)
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
-        pairs = zip(self.scenes.spacings, self.scenes.rough.spacings, strict=True)
-        share = [SAFE / ((coarse / own) ** ORDER - 1.0) for own, coarse in pairs]
         grid, rows = one - other, [int(p.keep.sum()) for p in self.problem.probes]
+        share = self.scenes.remaining(ORDER)
         noise = self.noise
         if self._moved > OTHER:
             noise = weighed(self.problem, self.twin, self.scenes, self.model)

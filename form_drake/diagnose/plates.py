@@ -2,7 +2,7 @@
 
 A recorded pose may be off by a constant, as that of a robot which was not calibrated, and by a share of the
 way, as of one that gives way. Where its stream states how much (``Stream.noise``), either is one more error
-that simulations have.
+that simulations have; what they have wrong of a contact looks the same.
 """
 
 from collections.abc import Sequence
@@ -62,8 +62,10 @@ def require_placed(recording: Recording) -> None:
                 )
 
 
-def elsewhere(recording: Recording) -> list[Recording]:
+def elsewhere(recording: Recording, least: float = 0.0) -> list[Recording]:
     """The recording with a plate one standard deviation off, in each of the ways that it may be.
+
+    That is as much as its poses state, and at least ``least`` [m].
 
     One that is frictionless holds the body where it stands, along its normal; one that is bonded took it
     where it stood at the first frame. None goes more than twice as far as it is said to.
@@ -71,17 +73,17 @@ def elsewhere(recording: Recording) -> list[Recording]:
     ends, found = recording.time[[0, -1]], {}
     for face in body(recording).faces:
         pose = recording.poses.get(face.tool)
-        if pose is None or not pose.noise:
+        if pose is None or not (off := max(pose.noise or 0.0, least)):
             continue
         p_WT = pose.value[:, :3, 3]
         way = p_WT - Poses(pose).at(ends[:1])[0, :3, 3]
         among = (pose.time >= ends[0]) & (pose.time <= ends[1])
         far = float(np.linalg.norm(way[among], axis=1).max(initial=0.0))
         if far > STILL:
-            found[face.tool, "way"] = way * min(pose.noise / far, 1.0)
+            found[face.tool, "way"] = way * min(off / far, 1.0)
         if face.condition == "frictionless":
             normal = np.eye(3)[face.axis]
-            found[face.tool, "xyz"[face.axis]] = np.tile(pose.noise * normal, (len(p_WT), 1))
+            found[face.tool, "xyz"[face.axis]] = np.tile(off * normal, (len(p_WT), 1))
     return [_shifted(recording, tool, by) for (tool, _), by in found.items()]
 
 
@@ -92,20 +94,26 @@ def _shifted(recording: Recording, tool: str, by: np.ndarray) -> Recording:
     return replace(recording, poses={**recording.poses, tool: replace(pose, value=value)})
 
 
-def simulated(scenes: Scenes, model: Model) -> list[Elsewhere]:
+def simulated(scenes: Scenes, model: Model, gives: float = 0.0) -> list[Elsewhere]:
     """Scenes with a plate off by one standard deviation, on the coarser grid, under the poses that are told.
+
+    Args:
+        scenes: of the recordings.
+        model: to simulate with.
+        gives: of the grid spacing, that any plate may be off by.
 
     Raises:
         ValueError: a simulation fails.
     """
-    every = [(n, one) for n, own in enumerate(scenes.recordings) for one in elsewhere(own)]
+    own = enumerate(zip(scenes.recordings, scenes.dx, strict=True))
+    every = [(n, one) for n, (seen, dx) in own for one in elsewhere(seen, gives * dx)]
     if not every:
         return []
     which, moved = zip(*every, strict=True)
     try:
         made = replace(scenes.only(which), recordings=moved).rough.rolled(model)
     except ValueError as error:
-        raise ValueError(f"with plates as far off as their poses state, {error}") from None
+        raise ValueError(f"with plates as far off as they may be, {error}") from None
     poses = (scenes.recordings[n].poses for n in which)
     told = (replace(one, poses=own) for one, own in zip(made, poses, strict=True))
     return [Elsewhere(*pair) for pair in zip(which, told, strict=True)]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from form_drake.diagnose.columns import Key, Parts, parts
 from form_drake.diagnose.model import Model, Scenes, firm
@@ -23,10 +24,13 @@ from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
 from form_drake.records import Recording, framed
 from form_drake.weak.force import measured
+from form_drake.weak.solve import TINY
 
 STEP = 0.02  # of the logarithm of a modulus, in differences
 PASSES, SETTLED = 8, 0.003  # of a fit; change of such a logarithm that is none
 MOST = np.log(2.0)  # that it may change by in a pass
+ORDER = 1.0  # of the grid spacing, to which motions near rims of held faces are wrong
+GIVES = 0.05  # of the grid spacing, that contacts give by
 LEAST = 1e-3  # strain below which a stiffness is not guessed
 
 
@@ -107,42 +111,65 @@ class Sight(Projected):
 
     def white(self, a: np.ndarray) -> np.ndarray:
         """What the grid has wrong may be more or less, along every axis of the tracks and of the force of
-        every recording: that is taken out. Plates that may stand elsewhere are one more error.
+        every recording: that is taken out. So much of it may be left at every point, along every axis, and
+        so far may plates stand elsewhere, or contacts give: these are errors beside the noise.
 
         Raises:
-            ValueError: these cannot be simulated.
+            ValueError: a simulation with plates elsewhere fails.
         """
-        a = a - self._doubts @ (self._doubts.T @ a)
-        lines, sizes = self._plates
-        return a + (lines * (1.0 / np.hypot(1.0, sizes) - 1.0)) @ (lines.T @ a)
+        return _beside(self._off(a), *self._plates)
+
+    def _off(self, a: np.ndarray) -> np.ndarray:
+        a = _beside(a, *self._left_there)
+        return np.asarray(a - self._doubts @ (self._doubts.T @ a))
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
+        """Of every row the recording, the axis of its tracks or a force, and that at one point, shape [rows, 3]."""
+        found, axes, places = [], 0, 0
+        for n, (own, (valid, _, noise)) in enumerate(zip(self.made, self._noise, strict=True)):
+            points = np.broadcast_to(np.arange(own.points), valid.shape)[valid]
+            for which in (points, *(np.zeros(len(own.forces[k].time), int) for k in noise)):
+                axis = np.tile(np.arange(3), len(which))
+                place = places + 3 * np.repeat(which, 3) + axis
+                found.append(np.stack([np.full(len(axis), n), axes + axis, place], axis=1))
+                axes, places = axes + 3, 1 + int(place.max(initial=places - 1))
+        return np.concatenate(found)
 
     @cached_property
     def _doubts(self) -> np.ndarray:
-        """Orthonormal, shape [rows, axes]."""
+        """What the grid has wrong along every axis, beside what is left, orthonormal, shape [rows, axes]."""
         if self.grid is None:
             return np.zeros((len(self._still), 0))
-        pairs = zip(self.made, self._noise, strict=True)
-        sizes = [
-            (3 * int(valid.sum()), sum(own.forces[k].value.size for k in noise))
-            for own, (valid, _, noise) in pairs
-        ]
-        ends = np.cumsum(np.ravel(sizes))
-        part = np.searchsorted(ends, np.arange(len(self.grid)), side="right")
-        label = 3 * part + np.arange(len(self.grid)) % 3
-        found = self.grid[:, None] * (label[:, None] == np.unique(label))
+        axes, grid = self._labels[:, 1], _beside(self.grid, *self._left_there)
+        found = grid[:, None] * (axes[:, None] == np.unique(axes))
         size = np.linalg.norm(found, axis=0)
         return found[:, size > 0.0] / size[size > 0.0]
 
     @cached_property
+    def _left_there(self) -> tuple[csr_array, np.ndarray]:
+        """What the finer grid may have wrong itself: directions, shape [rows, places], and sizes.
+
+        What a grid has wrong keeps its course in time and differs from place to place: of two grids one tells
+        how large it is there, not how much of it is left.
+        """
+        rows = np.arange(len(self._still))
+        if self.grid is None:
+            return csr_array((len(rows), 0)), np.zeros(0)
+        which, _, places = self._labels.T
+        left = np.array(self.scenes.remaining(ORDER))[which] * self.grid
+        sizes = np.sqrt(np.bincount(places, left**2))
+        return csr_array((left / np.maximum(sizes, TINY)[places], (rows, places))), sizes
+
+    @cached_property
     def _plates(self) -> tuple[np.ndarray, np.ndarray]:
         """Principal directions and sizes of what plates that are off change, off what the grid has wrong."""
-        made = [] if self.grid is None else simulated(self.scenes, self.model)
+        made = [] if self.grid is None else simulated(self.scenes, self.model, GIVES)
         found = []
         for one in made:
             every = [*self.made[: one.of], one.recording, *self.made[one.of + 1 :]]
             found.append(self._rows(every) - self._still)
-        errors = np.reshape(found, (len(found), len(self._still))).T
-        errors = errors - self._doubts @ (self._doubts.T @ errors)
+        errors = self._off(np.reshape(found, (len(found), len(self._still))).T)
         lines, sizes, _ = np.linalg.svd(errors, full_matrices=False)
         return lines, sizes
 
@@ -186,7 +213,8 @@ class Sight(Projected):
     def near(self, model: Model) -> "Sight":
         made = tuple(self.scenes.rough.rolled(model))
         found = replace(self, model=model, made=made, origin=self.origin or self)
-        found.__dict__.update(_noise=self._noise, _doubts=self._doubts, _plates=self._plates)
+        found.__dict__.update(_noise=self._noise, _doubts=self._doubts)
+        found.__dict__.update(_left_there=self._left_there, _plates=self._plates)
         return found
 
     def learn(self, wanted: Sequence[tuple[Effect, Sequence[Shape]]]) -> None:
@@ -254,6 +282,12 @@ class Sight(Projected):
                     valid &= np.abs(seen.reference[:, face.axis] - plane) > CLEAR * dx
             found.append((valid, tracking_noise(seen), {k: f.noise for k, f in forces.items()}))
         return found
+
+
+def _beside(a: np.ndarray, lines: np.ndarray | csr_array, sizes: np.ndarray) -> np.ndarray:
+    """Rows whose noise is the unit matrix, made so beside errors along orthonormal lines."""
+    share = 1.0 / np.hypot(1.0, sizes) - 1.0  # (I + U s^2 U^T)^(-1/2) = I + U share U^T
+    return np.asarray(a + lines @ ((lines.T @ a).T * share).T)
 
 
 def guessed(recording: Recording, law: Law, known: Values) -> Model:
