@@ -47,7 +47,7 @@ def ranking(recordings: Sequence[Recording], law: Law) -> dict[str, Any]:
 
 
 def _named(sight: Sight, runner: Runner[Sight], found: Sequence[Score]) -> dict[str, Any]:
-    """Beside those that its column is like where the search has ended."""
+    """Beside those that no recording tells from it, or whose columns are like its own where the search ended."""
     cause = runner.search.match.told.causes[-1]
     own = scored(sight, cause.effect, [cause.shape])
     others = [s for s in found if s.effect is not own.effect]
@@ -55,7 +55,7 @@ def _named(sight: Sight, runner: Runner[Sight], found: Sequence[Score]) -> dict[
     alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
     return {
         "name": cause.effect.id,
-        "class": sorted({cause.effect.id, *alike}),
+        "class": sorted({cause.effect.id, *cause.effect.same, *alike}),
         "coefficient": cause.coefficient,
         "std": cause.told,
         "where": dict(cause.shape),
