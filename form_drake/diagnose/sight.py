@@ -24,7 +24,7 @@ from form_drake.laws import Law, Values
 from form_drake.motion import Body, body
 from form_drake.records import Recording, framed
 from form_drake.weak.force import measured
-from form_drake.weak.solve import TINY
+from form_drake.weak.solve import TINY, lessened
 
 STEP = 0.02  # of the logarithm of a modulus, in differences
 PASSES, SETTLED = 8, 0.003  # of a fit; change of such a logarithm that is none
@@ -117,10 +117,10 @@ class Sight(Projected):
         Raises:
             ValueError: a simulation with plates elsewhere fails.
         """
-        return _beside(self._off(a), *self._plates)
+        return lessened(self._off(a), *self._plates)
 
     def _off(self, a: np.ndarray) -> np.ndarray:
-        a = _beside(a, *self._left_there)
+        a = lessened(a, *self._left_there)
         return np.asarray(a - self._doubts @ (self._doubts.T @ a))
 
     @cached_property
@@ -141,7 +141,7 @@ class Sight(Projected):
         """What the grid has wrong along every axis, beside what is left, orthonormal, shape [rows, axes]."""
         if self.grid is None:
             return np.zeros((len(self._still), 0))
-        axes, grid = self._labels[:, 1], _beside(self.grid, *self._left_there)
+        axes, grid = self._labels[:, 1], lessened(self.grid, *self._left_there)
         found = grid[:, None] * (axes[:, None] == np.unique(axes))
         size = np.linalg.norm(found, axis=0)
         return found[:, size > 0.0] / size[size > 0.0]
@@ -282,12 +282,6 @@ class Sight(Projected):
                     valid &= np.abs(seen.reference[:, face.axis] - plane) > CLEAR * dx
             found.append((valid, tracking_noise(seen), {k: f.noise for k, f in forces.items()}))
         return found
-
-
-def _beside(a: np.ndarray, lines: np.ndarray | csr_array, sizes: np.ndarray) -> np.ndarray:
-    """Rows whose noise is the unit matrix, made so beside errors along orthonormal lines."""
-    share = 1.0 / np.hypot(1.0, sizes) - 1.0  # (I + U s^2 U^T)^(-1/2) = I + U share U^T
-    return np.asarray(a + lines @ ((lines.T @ a).T * share).T)
 
 
 def guessed(recording: Recording, law: Law, known: Values) -> Model:

@@ -7,6 +7,7 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, lsq_linear
+from scipy.sparse import csr_array
 
 from form_drake.weak.system import WeakSystem
 
@@ -14,6 +15,18 @@ Blocks = Sequence[np.ndarray]
 TINY = 1e-100  # length of a column that holds nothing
 CLOSE = 4e-3  # of a model error, relatively
 LEAST_ERROR = 1e-7  # of a row's size: what interpolation and quadrature always leave
+
+
+def lessened(a: np.ndarray, lines: np.ndarray | csr_array, sizes: np.ndarray) -> np.ndarray:
+    """Rows of unit covariance, made so again beside errors of such sizes along orthonormal lines.
+
+    Args:
+        a: shape [rows] or [rows, columns].
+        lines: shape [rows, errors].
+        sizes: standard deviations, shape [errors].
+    """
+    share = 1.0 / np.hypot(1.0, sizes) - 1.0  # (I + U s^2 U^T)^(-1/2) = I + U share U^T
+    return np.asarray(a + (lines * share) @ (lines.T @ a))
 
 
 @dataclass(frozen=True)
@@ -44,9 +57,7 @@ class Weights:
         pairs = zip(self.factors, np.split(a, self._ends), self._lines, strict=True)
         found = []
         for factor, part, (lines, sizes) in pairs:
-            white = solve_triangular(factor, part, lower=True)
-            share = 1.0 / np.hypot(1.0, sizes) - 1.0  # (I + U s^2 U^T)^(-1/2) = I + U share U^T
-            found.append(white + (lines * share) @ (lines.T @ white))
+            found.append(lessened(solve_triangular(factor, part, lower=True), lines, sizes))
         return np.concatenate(found)
 
     def coloured(self, a: np.ndarray) -> np.ndarray:
