@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -84,7 +85,7 @@ def _again(found: Diagnosis, material: Path, effects: Path | None) -> list[dict[
         ):
             write_recording(recording, seen)
             line = ["predict", str(material), str(seen), "--out", str(made), "--dx", str(dx)]
-            command = [sys.executable, "-m", "form_drake", *line, *words]
+            command = [sys.executable, "-P", "-m", "form_drake", *line, *words]
             try:
                 ran = subprocess.run(command, capture_output=True, text=True, check=False)
             except KeyboardInterrupt:  # what was found stays
@@ -139,7 +140,8 @@ def _advise(found: Diagnosis, folder: Path) -> list[str]:
     if seen.gravity is None or not -gravity[2] > UPRIGHT * np.linalg.norm(gravity):
         return []
     foot = next(f.condition for f in shape.faces if f.axis == 2 and not f.side)
-    made = advised(found.advice.motions, shape.low, shape.high, foot, found.material)
+    plain = replace(found.model, causes=()).material(found.density)  # as recordings declare it
+    made = advised(found.advice.motions, shape.low, shape.high, foot, plain)
     for name, text in made.items():
         write_text(folder / name, text)
         try:

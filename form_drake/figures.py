@@ -174,7 +174,9 @@ def residual_map(white: np.ndarray, middles: np.ndarray, names: Sequence[str]) -
         at, np.arange(len(names)), white.T, cmap="RdBu_r", vmin=-edge, vmax=edge
     )
     every = -(-len(names) // most)
-    axes.set_yticks(np.arange(len(names))[::every], list(names)[::every], fontsize=6)
+    axes.set_yticks(
+        np.arange(len(names))[::every], list(names)[::every], fontsize=6, parse_math=False
+    )
     axes.set_ylim(len(names) - 0.5, -0.5)
     step = -(-len(middles) // 12)
     axes.set_xticks(at[::step], [f"{m:.3g}" for m in middles[::step]])

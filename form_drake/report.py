@@ -49,6 +49,7 @@ class Report:
 
     def figure(self, figure: Any, caption: str) -> None:
         """A matplotlib figure with its caption."""
+        _literal(figure)
         image = io.BytesIO()
         # tight: drawn twice, first to see its size
         box = "tight" if figure.get_layout_engine() is None else None
@@ -76,3 +77,12 @@ class Report:
             f"<body>{''.join(self._parts)}{footer}</body></html>\n"
         )
         write_text(path, page)
+
+
+def _literal(figure: Any) -> None:
+    """Names in titles, labels and legends are theirs who gave them: a dollar is no mathematics."""
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        texts = () if legend is None else legend.get_texts()
+        for text in (axes.title, axes.xaxis.label, axes.yaxis.label, *texts):
+            text.set_parse_math(False)

@@ -98,7 +98,11 @@ def test_what_only_held_out_motion_shows_is_a_doubt(files):
     assert escape(doubt) in (files / "doubt.html").read_text()
 
 
-def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
+def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(
+        tmp_path
+    )  # among recordings there may be anything, which is no module of ours
+    (tmp_path / "numpy.py").write_text("raise SystemExit('not numpy')")
     scenes = Scenes.of((read(files / "late0.h5"),), DX)
     own = {"of": likeness(scenes, LAW), "draws": 3, "scores": {"drag": 2.0}}
     (files / "own.json").write_text(json.dumps(own))
@@ -143,7 +147,7 @@ def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys):
 
     written = str(out / "material.yaml")
     predict = [written, str(files / "late1.h5"), "--dx", str(DX), "--out", str(files / "p.h5")]
-    subprocess.run([sys.executable, "-m", "form_drake", "predict", *predict], check=True)
+    subprocess.run([sys.executable, "-P", "-m", "form_drake", "predict", *predict], check=True)
     made, seen = (read(files / name).forces["plate"].value for name in ("p.h5", "late1.h5"))
     left = float(np.sqrt(np.mean((made - seen) ** 2)))
     assert left == pytest.approx(np.hypot(force["after"], force["noise"]), rel=0.15)
@@ -166,7 +170,10 @@ def test_nulls_of_recordings_stand_for_such_recordings(files, capsys):
     words = ["bench", "nulls", "--draws", "1", "--dx", str(DX), "--out", str(out), "--json"]
     assert main([*words, "--like", str(files / "plain0.h5")]) == 2
     assert "--material MATERIAL.yaml are wanted together" in capsys.readouterr().err
-    assert main([*words, "--material", str(written), "--like", str(files / "plain0.h5")]) == 0
+    like = ["--material", str(written), "--like", str(files / "plain0.h5")]
+    assert main([*words, *like, "--out", str(written)]) == 2
+    assert f"{written} would take the place of {written}, which is read" in capsys.readouterr().err
+    assert main([*words, *like]) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["scores"]) > 15 and max(told["scores"].values()) < 16.0
     (errors,) = next(iter(told["cases"].values()))["errors"]

@@ -28,7 +28,8 @@ def _read(*arguments, **more):
 def test_a_diagnosis_reads_one_source_of_the_force(tmp_path, monkeypatch, capsys):
     """As a probe of the station is recorded, whose arm feels the force as well."""
     (stamps, still), felt = (PROBE.forces["plate"].time, PROBE.forces["plate"].value), {}
-    both = {"plate": Stream(stamps, still), "plate:joint-torque": Stream(stamps, still + 2.0)}
+    both = {"plate": still, "plate:joint-torque": still + 2.0}
+    both = {k: Stream(stamps, value, noise=0.01) for k, value in both.items()}
     path = str(tmp_path / "probe.h5")
     write_recording(replace(PROBE, forces=both, noise=2e-5), tmp_path / "probe.h5")
 
@@ -212,6 +213,18 @@ def test_exact_tracks_need_a_noise_that_they_stand_for(tmp_path, monkeypatch, ca
         write_recording(replace(made, noise=noise), path)
         assert main(["diagnose", str(path), "--out", str(tmp_path / "o")]) == 2
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("noise", "told"), [(None, "exact"), (0.0, "exact"), (1e-6, "is read")])
+def test_exact_forces_need_a_noise_that_they_stand_for(noise, told, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("form_drake.commands.diagnose.diagnosed", _read)
+    path, (tool,) = tmp_path / "exact.h5", PROBE.forces
+    time = PROBE.forces[tool].time
+    smooth = np.outer(np.sin(np.pi * time / time[-1]) ** 2, [0.0, 0.0, -1.0])
+    felt = {tool: Stream(time, smooth, noise=noise)}
+    write_recording(replace(PROBE, noise=2e-5, forces=felt), path)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "o")]) == 2
+    assert told in capsys.readouterr().err
 
 
 def test_recordings_of_other_laws_are_no_probes_of_one_specimen(tmp_path, monkeypatch, capsys):

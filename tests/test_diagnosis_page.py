@@ -31,6 +31,7 @@ from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Recording, Stream
 from form_drake.systems.before_after import APART, Beside, write_before_after
+from form_drake.systems.scenario import load_scenario
 from form_drake.weak.solve import Weights
 from helpers.advice import LIMITS, found
 
@@ -499,12 +500,18 @@ def test_no_scenario_is_advised_where_the_station_has_another_scene(
 ):
     monkeypatch.setattr(Advice, "motions", ("presses of two depths",))
 
+    model = diagnosis.model
+    damped = replace(model, causes=(Cause(CATALOGUE["damping"], 2.0, {}, 0.1), *model.causes))
+
     def wanted(recording):
         scenes = SimpleNamespace(recordings=(recording,))
         match = SimpleNamespace(**{**vars(diagnosis.naming.passes[0].match), "scenes": scenes})
         first = replace(diagnosis.naming.passes[0], match=match)
-        naming = replace(diagnosis.naming, passes=(first, *diagnosis.naming.passes[1:]))
+        told = SimpleNamespace(told=damped)
+        naming = replace(diagnosis.naming, passes=(first, *diagnosis.naming.passes[1:]), match=told)
         return _advise(replace(diagnosis, naming=naming), tmp_path)
 
     assert wanted(replace(block(), **change)) == [] and not list(tmp_path.iterdir())
-    assert wanted(block()) == ["next.yaml"] and (tmp_path / "next.yaml").exists()
+    assert wanted(block()) == ["next.yaml"]
+    made = load_scenario(tmp_path / "next.yaml").specimen.made()  # of the law alone
+    assert (made.law, made.effects) == (model.law, ())

@@ -437,6 +437,8 @@ def test_an_effect_is_of_the_world_or_of_a_sensor():
         replace(CATALOGUE["drag"], world=None)
     with pytest.raises(ValueError, match="two increasing sizes"):
         replace(CATALOGUE["drag"], prior=(1.0, 0.1))
+    with pytest.raises(ValueError, match="must be two increasing sizes"):
+        replace(CATALOGUE["drag"], prior=(0.1, 1.0, 5.0))
     with pytest.raises(ValueError, match="acts as a whole wants a trial"):
         replace(CATALOGUE["inclusion"], trial=0.0)
 
@@ -540,6 +542,7 @@ def test_a_body_that_gives_way_is_not_simulated():
             "shapes={**dict.fromkeys(('x', 'y', 'z', 'radius'), ()), 'time': (0.1, 0.2)}",
             "got x, y, z, radius, time",
         ),
+        ("id=['a']", "effect .'a'.: an id is made of lower-case words"),
         ("id=5", "effect 5: an id is made of lower-case words"),
         ("unit=None", "unit must be a text, got None"),
         ("shown='press'", "shown must be a tuple of texts, got 'press'"),

@@ -115,6 +115,9 @@ def test_points_that_are_lost_raise_no_alarm(watch):
     valid = np.random.default_rng(4).random(made.p_WQ.shape[:2]) > 0.1
     lost = replace(made, p_WQ=np.where(valid[..., None], made.p_WQ, 0.0), valid=valid)
     assert watch.alarm(lost) is None
+    valid = np.arange(made.frames)[:, None] % 4 > 0  # of its noise nothing can be told
+    seldom = replace(made, valid=np.broadcast_to(valid, made.p_WQ.shape[:2]), noise=None)
+    assert np.isnan(watch.excess(seldom)["tracks"][1]).all()
 
 
 def test_tracks_that_state_no_reference_are_held_against_the_plans(watch):

@@ -53,11 +53,20 @@ def test_what_has_become_needless_goes(needed):
     late = Cause(CATALOGUE["force-delay"], 4e-3, {})
     begun = fitted(noisy(rolled(swelling, *[late] * needed), 0))
     first, then = (replace(begun.model, causes=c) for c in ((late,), (late, swelling)))
-    passes = [Found(begun, ()), Found(begun.near(first), ())]
-    match, left, gone = shed(matched(begun.near(then)), passes, {})
+    ranked = tuple(scores(begun, [late.effect, swelling.effect]))
+    delay, strain = (next(s for s in ranked if s.effect is c.effect) for c in (late, swelling))
+    passes = [
+        Found(begun, ranked, best=delay),
+        Found(begun.near(first), (strain,), best=strain, alike=("camera-scale",), doubt=20.0),
+    ]
+    match, left = shed(matched(begun.near(then)), passes, {})
     assert [c.effect.id for c in match.model.causes] == ["force-delay"] * needed + ["eigenstrain"]
-    assert gone == [] if needed else gone == ["force-delay"] and left[0].match is begun
     assert len(left) == 1 + needed
+    told, *rest = left  # of the bare twin, with its own scores
+    assert told.match is begun and told.ranked == ranked and told.doubt == 0.0
+    assert told.gone == (() if needed else ("force-delay",))
+    last = rest[0] if needed else told
+    assert last.best is strain and last.alike == ("camera-scale",)
     assert match.model.causes[-1].coefficient == pytest.approx(5e-3, rel=0.1)
 
 

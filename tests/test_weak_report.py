@@ -9,6 +9,7 @@ import pytest
 
 from form_drake import read
 from form_drake.figures import residual_map
+from form_drake.report import Report
 from form_drake.weak_report import probe_rows, weak_report
 
 README = Path(__file__).resolve().parents[1] / "README.md"
@@ -115,6 +116,19 @@ def test_report_of_two_probes_holds_everything(answer, tmp_path):
         assert words in page
     assert "rows used" in page and "error at held-out tracks" in page
     assert not re.search(r">(nan|None|inf)\b", page)
+
+
+def test_names_with_dollars_are_no_mathematics(tmp_path):
+    name = "p$^$"
+    figure = residual_map(np.zeros((2, 1)), np.arange(2.0), [f"along x on {name}"])
+    axes = figure.axes[0]
+    axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
+    axes.set(title=name, ylabel=name)
+    axes.legend()
+    page = Report("names")
+    page.figure(figure, name)
+    page.write(tmp_path / "page.html")
+    assert "<figcaption>p$^$" in (tmp_path / "page.html").read_text()
 
 
 def test_unused_rows_are_drawn_as_such():

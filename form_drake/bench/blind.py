@@ -206,9 +206,9 @@ def _verdict(seen: Specimens, probes: Probes, *, placebo: int | None) -> dict[st
         {"residual": p["residual"], "scores": {k: _short(v) for k, v in p["scores"].items()}}
         for p in told["passes"]
     ]
-    first = found.naming.first or found.naming.passes[0]
+    first = found.naming.passes[0]
     seconds = _worked() - begun  # without the ablation
-    simpler = lesser(found.naming.passes[0].match, CATALOGUE.values())
+    simpler = lesser(first.match, CATALOGUE.values())
     return {
         "draw": seen.draw,
         **kept,

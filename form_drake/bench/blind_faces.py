@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from form_drake.diagnose.model import Scenes
-from form_drake.diagnose.race import Runner, raced
+from form_drake.diagnose.prepare import given
+from form_drake.diagnose.race import MARGIN, Runner, raced
 from form_drake.diagnose.score import ALIKE, Score, coherence, scored, scores
 from form_drake.diagnose.sight import Sight, guessed
 from form_drake.diagnose.verdict import LEAST
@@ -28,7 +29,14 @@ def ranking(recordings: Sequence[Recording], law: Law) -> dict[str, Any]:
     Raises:
         ValueError: they do not state their scene, or it cannot be simulated.
     """
-    sight = Sight.fitted(Scenes.of(tuple(recordings)), guessed(recordings[0], law, {}))
+    known = given(recordings, law, None)
+    if tied := known.keys() - {*law.keys}:
+        raise ValueError(
+            f"the recordings declare {', '.join(tied)} as known, which two sides cannot hold: declare"
+            f" values of {', '.join(law.keys)}, or none"
+        )
+    guess = guessed(recordings[0], law, known)
+    sight = Sight.fitted(Scenes.of(tuple(recordings)), guess, known)
     found, plain = (scores(one, CATALOGUE.values()) for one in (sight, sight.uncorrected))
     seen = [s for s in found if s.score > LEAST]
     runners = raced(sight, seen, nearly=NEARLY) if seen else []
@@ -50,7 +58,8 @@ def _named(sight: Sight, runner: Runner[Sight], found: Sequence[Score]) -> dict[
     """Beside those that no recording tells from it, or whose columns are like its own where the search ended."""
     cause = runner.search.match.told.causes[-1]
     own = scored(sight, cause.effect, [cause.shape])
-    others = [s for s in found if s.effect is not own.effect]
+    least = min(LEAST, own.score - MARGIN)
+    others = [s for s in found if s.effect is not own.effect and s.score > least]
     like = coherence([own, *others])[0, 1:]
     alike = [s.effect.id for s, c in zip(others, like, strict=True) if c > ALIKE]
     return {

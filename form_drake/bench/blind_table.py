@@ -73,18 +73,23 @@ def table(result: Result) -> str:
         ("largest scores where nothing is hidden", result["nulls"]),
         ("the same with what the grid has wrong", plain["nulls"]),
         ("seconds of a core for a verdict", result["seconds"]),
-        ("the same with what the grid has wrong", plain["limits"]),
     ):
-        told += ["", title] if numbers else []
-        told += [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
+        told += _numbers(title, numbers)
     told += ["", "limits, observed over predicted, and cases that they are read off"]
     for name, ratio in (seen := result["limits"])["ratios"].items():
         told.append(
             f"  {name:24} {'-' if ratio is None else f'{ratio:.3g}':9} {seen['cases'][name]}"
         )
+    told += _numbers("the same with what the grid has wrong", plain["limits"])
     told += ["", "strong singles not named: hidden, verdict, named"]
     told += [f"  {effect:24} {verdict:10} {told}" for effect, verdict, told in result["confusions"]]
     return "\n".join(told)
+
+
+def _numbers(title: str, numbers: Mapping[str, float | None]) -> list[str]:
+    """A block of a table, by name; nothing where there are none."""
+    told = [f"  {k:24} {'-' if v is None else f'{v:.3g}'}" for k, v in numbers.items()]
+    return ["", title, *told] if told else []
 
 
 def _rate(name: str, hits: int, count: int, goal: tuple[str, float] | None = None) -> Line:

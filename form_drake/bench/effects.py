@@ -51,7 +51,7 @@ def _on(name: str, level: float) -> dict[str, Any]:
     return {
         "true": true.coefficient,
         "found": found.coefficient,
-        "std": found.std,
+        "std": found.told,
         "unit": effect.unit,
         "shape": {k: [true.shape[k], found.shape[k]] for k in effect.shapes},
         "left": left,
@@ -93,7 +93,8 @@ def table(result: Mapping[str, Any]) -> str:
             continue
         error = 100.0 * (case["found"] / case["true"] - 1.0)
         moduli = 100.0 * max(abs(e) for e in case["errors"].values())
-        numbers = f"{case['true']:10.4g} {case['found']:10.4g} {case['std']:9.2g} {error:+7.1f} %"
+        std = f"{'-':>9}" if case["std"] is None else f"{case['std']:9.2g}"
+        numbers = f"{case['true']:10.4g} {case['found']:10.4g} {std} {error:+7.1f} %"
         gain = case["without"] - case["left"]
         lines.append(f"{name:22} {numbers} {gain:10.0f} {moduli:6.1f} %")
     for name, case in result["cases"].items():

@@ -1,4 +1,4 @@
-"""``form-drake bench``: every number that the documents state, one command each."""
+"""``form-drake bench``: the tables that the documents hold, one command each."""
 
 import os
 from collections.abc import Mapping

@@ -1,12 +1,12 @@
 """What the options of benches have in common."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from form_drake.commands.output import emit, say
-from form_drake.files import target, write_json
+from form_drake.files import spare, target, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +26,11 @@ class Cases:
         name: str,
         run: Callable[..., dict[str, Any]],
         table: Callable[[dict[str, Any]], str],
+        inputs: Sequence[Path | None] = (),
     ) -> None:
-        """Run with ``store``, where finished cases stay, and ``only``."""
+        """Run with ``store``, where finished cases stay, and ``only``; ``inputs`` are not written over."""
         out = target(self.out or Path("runs") / f"bench-{name}" / f"{name}.json")
+        spare(out, *inputs)
         store = out.with_name(out.name + ".cases")
         result = run(store=store, only=self.only)
         write_json(out, result)

@@ -36,7 +36,8 @@ class Nulls(Cases):
         if self.draws < 1:
             raise ValueError(f"--draws {self.draws}: at least one is wanted")
         if self != replace(Nulls(), out=self.out, only=self.only, json=self.json, draws=self.draws):
-            self.finish("nulls", self._like(), nulls.table)
+            inputs = (*self.like, self.material, self.effects)
+            self.finish("nulls", self._like(), nulls.table, inputs)
         else:
             self.finish("nulls", partial(nulls.run_nulls, draws=self.draws), nulls.table)
 

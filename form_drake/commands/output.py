@@ -36,7 +36,7 @@ def run_in(folder: Path, *words: str) -> None:
         KeyboardInterrupt: which it is told once, with time to tidy up.
     """
     with subprocess.Popen(
-        [sys.executable, "-m", "form_drake", *words],
+        [sys.executable, "-P", "-m", "form_drake", *words],
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

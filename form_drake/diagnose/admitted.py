@@ -16,7 +16,7 @@ from form_drake.motion.tracks import require_frames
 from form_drake.records import Recording
 from form_drake.weak.force import FEW, measured
 
-EXACT = 1e-4  # of the grid spacing, below which a noise that nobody states is none
+EXACT = 1e-4  # of the grid spacing, or the largest force, below which a noise that nobody states is none
 LARGEST = 2.0  # edge of a specimen [m]
 COARSEST = 0.25  # of a body's least edge, that the grid spacing is at most
 
@@ -87,10 +87,17 @@ def require_stated(recording: Recording, dx: float | None, *, held_back: bool) -
     _require_scene(recording, dx)
     scenes = Scenes.of((recording,), dx)
     for tool, felt in measured(scenes.recordings[0], 0.0, float(np.ptp(recording.time))).items():
-        if not recording.forces[tool].noise and len(felt.time) < FEW:
+        if recording.forces[tool].noise:
+            continue
+        if len(felt.time) < FEW:
             raise ValueError(
                 f"{len(felt.time)} samples of the force of {tool} lie among the frames, from {FEW} on their"
                 " noise can be told: state noise [N] (Stream.noise)"
+            )
+        if not held_back and felt.noise < EXACT * float(np.abs(felt.value).max()):
+            raise ValueError(
+                f"the force of {tool} seems exact, to {felt.noise:.1g} N, and no simulation is: state the"
+                " noise that it stands for (noise [N])"
             )
     noise = tracking_noise(recording)
     if held_back and not np.isfinite(noise):

@@ -84,10 +84,14 @@ class Diagnosis:
         return Advice.of(self.naming, self.verdict)
 
     @property
+    def model(self) -> Model:
+        """With the effects, unless they do not explain what is left."""
+        return self.without if self.verdict == "unnamed" else self.naming.model
+
+    @property
     def material(self) -> Material:
-        """As it would be written: with the effects, unless they do not explain what is left."""
-        model = self.without if self.verdict == "unnamed" else self.naming.model
-        return model.material(self.density)
+        """That model, as it would be written."""
+        return self.model.material(self.density)
 
     def sentence(self) -> str:
         """The verdict in words."""
@@ -171,6 +175,7 @@ class Diagnosis:
                     "scores": {s.effect.id: s.score for s in p.ranked},
                     "limits": {s.effect.id: s.limit for s in p.ranked},
                     "rivals": list(p.rivals),
+                    "gone": list(p.gone),
                     "ledgers": [
                         one.to_json() | {book: own.to_json() for book, own in off.items()}
                         for one, off in zip(left, gone, strict=True)

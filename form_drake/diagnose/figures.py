@@ -201,7 +201,7 @@ def gaps(channels: Sequence[Channel]) -> Any:
         )
     for n, c in zip(at, channels, strict=True):
         axes.plot([c.floor / c.before] * 2, [n - 0.4, n + 0.4], "k--", lw=1)
-    axes.set_yticks(at, [c.name for c in channels])
+    axes.set_yticks(at, [c.name for c in channels], parse_math=False)
     axes.set_xlabel("error beyond noise as a share of that before (dashed: floor)")
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

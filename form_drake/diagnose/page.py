@@ -152,6 +152,10 @@ def _passes(page: Report, found: Diagnosis, thresholds: Mapping[str, float]) -> 
         page.heading(f"Pass {n}: {_added(one.best)}")
         left = float(one.match.left @ one.match.left / len(one.match.left))
         page.paragraph(f"What is left, all windows whitened together, mean square: {left:.3g}.")
+        if one.gone:
+            page.paragraph(
+                f"{', '.join(one.gone)}: added first, and needless beside what was added later."
+            )
         if one.alike:
             page.paragraph(f"These recordings cannot tell it from {', '.join(one.alike)}.")
         if one.rivals:

@@ -27,7 +27,7 @@ from form_drake.weak.force import measured
 from form_drake.weak.solve import TINY, lessened
 
 STEP = 0.02  # of the logarithm of a modulus, in differences
-PASSES, SETTLED = 8, 0.003  # of a fit; change of such a logarithm that is none
+PASSES, SETTLED = 12, 0.003  # of a fit; change of such a logarithm that is none
 MOST = np.log(2.0)  # that it may change by in a pass
 ORDER = 1.0  # of the grid spacing, to which motions near rims of held faces are wrong
 GIVES = 0.05  # of the grid spacing, that contacts give by
@@ -70,20 +70,25 @@ class Sight(Projected):
     def fitted(cls, scenes: Scenes, model: Model, given: Collection[str] = ()) -> "Sight":
         """Beside the model that comes nearest to the first recording, with what the grid has wrong.
 
-        What rings after a shake would make the way there anything but straight.
+        What rings after a shake would make the way there anything but straight. On a coarse grid moduli come
+        nearest that are none of the body's, with which it would ring at another rate: they are sought
+        again without what the grid has wrong of them.
 
         Raises:
             ValueError: as of ``of``.
         """
-        press = scenes.only([0])
+        press, grid = scenes.only([0]), None
         for _ in range(PASSES):
-            here = cls.of(press, model, given)
+            here = replace(cls.of(press, model, given), grid=grid)
             if not here._keys:
                 break
-            step = here.within(np.linalg.lstsq(here.explained, here.gap, rcond=None)[0])
+            step = here.within(np.linalg.lstsq(here.own_slopes, here.apart, rcond=None)[0])
             model = replace(model, values=here.valued(step))
-            if np.abs(step).max() < SETTLED:
+            if np.abs(step).max() >= SETTLED:
+                continue
+            if grid is not None:
                 break
+            grid = here.corrected().grid
         return cls.of(scenes, model, given).corrected()
 
     def corrected(self) -> "Sight":
@@ -238,8 +243,8 @@ class Sight(Projected):
         return [sensed(one, [own]) for one in self.made]
 
     def _trial(self, effect: Effect) -> float:
-        middle = float(np.sqrt(effect.prior[0] * effect.prior[1]))
-        return self.model.trial(effect, self.bodies[0]) or middle
+        tried = effect.trial or float(np.sqrt(effect.prior[0] * effect.prior[1]))
+        return self.model.trial(replace(effect, trial=tried), self.bodies[0])
 
     def changes(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         if self.origin is not None:

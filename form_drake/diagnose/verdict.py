@@ -38,6 +38,7 @@ class Found:
         refused: ids of effects above their thresholds whose simulations explain too little.
         doubt: least score, for what the simulation of effects that were added may have wrong.
         unseen: effects that may act and that no row sees.
+        gone: ids of effects that were added here first, and became needless.
     """
 
     match: Match
@@ -49,6 +50,14 @@ class Found:
     refused: tuple[str, ...] = ()
     doubt: float = 0.0
     unseen: tuple[Effect, ...] = ()
+    gone: tuple[str, ...] = ()
+
+    def instead(self, later: "Found") -> "Found":
+        """With what a later pass has added, and not what was added here."""
+        assert self.best is not None
+        gone = (*self.gone, self.best.effect.id, *later.gone)
+        kept = {k: getattr(later, k) for k in ("best", "alike", "rivals", "refused")}
+        return replace(self, gone=gone, **kept)
 
     def wanted(self, effect: Effect, thresholds: Mapping[str, float]) -> float:
         """The score that an effect must exceed."""
@@ -77,7 +86,6 @@ class Naming:
         verdict: ``unnamed``: something is missing that no effect explains, or none that can be
             simulated, or only more of them than ``MOST``, or more than noise is left.
         failed: the effect that was found last and cannot be simulated, and why; "": there is none.
-        first: the first pass as it was, whatever went again; None: as in ``passes``.
     """
 
     passes: tuple[Found, ...]
@@ -85,7 +93,6 @@ class Naming:
     added: tuple[Cause, ...]
     verdict: Verdict
     failed: str = ""
-    first: Found | None = None
 
     @cached_property
     def model(self) -> Model:
@@ -116,9 +123,10 @@ def named(
     """
     progress(ROLLED)
     match = matched(Match.of(problem, scenes, start), rough=True)
-    passes, failed, gone, begun = list[Found](), "", set[str](), None
+    passes, failed = list[Found](), ""
     while True:
         progress("scoring effects")
+        gone = {name for found in passes for name in found.gone}
         sought = [e for e in effects if e.id not in gone]
         found = judged(match, sought, thresholds, WRONG**2 * simulated(passes, match))
         try:
@@ -126,11 +134,9 @@ def named(
         except ValueError as error:
             found, after, failed = replace(found, best=found.seen[0]), None, str(error)
         passes.append(replace(found, match=found.match.lighter))
-        begun = begun or passes[0]
         if after is None:
             break
-        match, passes, idle = shed(after, passes, thresholds)
-        gone.update(idle)
+        match, passes = shed(after, passes, thresholds)
     added = match.told.causes[len(start.causes) :]
     passes = without_rivals(passes, {c.effect.id for c in added} | gone)
     verdict: Verdict = "named" if added else "none"
@@ -138,7 +144,7 @@ def named(
         verdict = "unnamed"
     elif any(found.rivals for found in passes):
         verdict = "ambiguous"
-    return Naming(tuple(passes), match, added, verdict, failed, begun)
+    return Naming(tuple(passes), match, added, verdict, failed)
 
 
 def simulated(passes: Sequence[Found], match: Match) -> float:
@@ -162,7 +168,7 @@ def without_rivals(passes: Sequence[Found], ids: Set[str]) -> list[Found]:
 
 def shed(
     match: Match, passes: Sequence[Found], thresholds: Mapping[str, float]
-) -> tuple[Match, list[Found], list[str]]:
+) -> tuple[Match, list[Found]]:
     """Without causes that have become needless, beside one that was found last.
 
     What comes nearest at first may only be like what is missing, as a picture's scale is like swelling.
@@ -173,9 +179,9 @@ def shed(
         thresholds: score by effect's id that a cause must be worth.
 
     Returns:
-        The twin, the passes that are left, and ids of effects that went.
+        The twin, and the passes that are left.
     """
-    passes, gone = list(passes), list[str]()
+    passes = list(passes)
     for n in reversed(range(len(passes) - 1)):
         cause = match.model.causes[n - len(passes)]
         wanted = passes[n].wanted(cause.effect, thresholds)
@@ -186,10 +192,9 @@ def shed(
         except ValueError:  # it cannot be simulated alone
             continue
         if less.excess_left - match.excess_left < wanted:
-            later = [replace(b, match=a.match) for a, b in pairwise(passes[n:])]
+            later = [a.instead(b) for a, b in pairwise(passes[n:])]
             match, passes = less, [*passes[:n], *later]
-            gone.append(cause.effect.id)
-    return match, passes, gone
+    return match, passes
 
 
 def judged(

@@ -165,6 +165,8 @@ def _square(
     coarse: np.ndarray,
 ) -> np.ndarray:
     """Squares of deviations over the variance of noise and of what a prediction may have wrong."""
+    if not np.isfinite(noise):  # too few frames as yet to tell it
+        noise = np.nan
     fine, coarse = (
         interp1d(stamps, a, axis=0, bounds_error=False, fill_value=np.nan)(time)
         for a in (fine, coarse)

@@ -183,7 +183,7 @@ class Effect:
         if self.whole and not self.trial > 0.0:
             raise ValueError(f"effect {self.id}: one that acts as a whole wants a trial")
         object.__setattr__(self, "whole", self.whole or self.column is None)
-        if not 0.0 < self.prior[0] < self.prior[1] < np.inf:
+        if len(self.prior) != 2 or not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
         if "radius" in self.shapes and set(self.shapes) != PLACE:
             raise ValueError(

@@ -29,10 +29,10 @@ def load(path: Path, catalogue: dict[str, Effect]) -> dict[str, Effect]:
     found: dict[str, Effect] = {}
     for thing in vars(executed(path)).values():
         if isinstance(thing, Effect) and id(thing) not in imported:
-            if thing.id in catalogue or found.get(thing.id, thing) is not thing:
-                raise ValueError(f"{path}: effect {thing.id!r}: the id is taken")
             if fault := _fault(thing):
                 raise ValueError(f"{path}: effect {thing.id!r}: {fault}")
+            if thing.id in catalogue or found.get(thing.id, thing) is not thing:
+                raise ValueError(f"{path}: effect {thing.id!r}: the id is taken")
             found[thing.id] = _fitting(thing, path)
     for effect in found.values():
         if strange := set(effect.same) - {*catalogue, *found}:
