@@ -223,6 +223,9 @@ def test_a_case_without_a_verdict_counts_as_an_error(drawn, tmp_path):
     assert (rate["hits"], rate["of"]) == (1, sum(t["kind"] == "single" for t in truth.values()))
     assert found["missing"] == len(truth) - 1
     assert "cases without a verdict" in blind_table.table(found)
+    before = {"nulls": {"drag": 9.0}, "limits": {"drag": 1.5}}  # with what the grid has wrong
+    told = blind_table.table(found | {"before": before}).partition("limits, observed")
+    assert "drag                     9\n" in told[0] and "drag                     1.5\n" in told[2]
 
 
 def test_goals_stand_beside_what_was_reached(tmp_path, drawn):

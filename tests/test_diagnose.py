@@ -97,9 +97,7 @@ def test_what_only_held_out_motion_shows_is_a_doubt(files):
 
 
 def test_what_is_missing_is_named_added_and_closes_the_gap(files, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(
-        tmp_path
-    )  # among recordings there may be anything, which is no module of ours
+    monkeypatch.chdir(tmp_path)  # what lies among recordings is no module of ours
     (tmp_path / "numpy.py").write_text("raise SystemExit('not numpy')")
     scenes = Scenes.of((read(files / "late0.h5"),), DX)
     own = {"of": likeness(scenes, LAW), "draws": 3, "scores": {"drag": 2.0}}

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from form_drake.bench import effects as bench_effects
 from form_drake.diagnose import Cause, Model, ProbeReading, Scenes
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.prepare import probe
@@ -571,6 +572,14 @@ def test_an_effect_of_ones_own_that_cannot_be_sought_is_one_line(tmp_path, more,
     )
     with pytest.raises(ValueError, match=f"{path}.*{told}"):
         load(path, CATALOGUE)
+
+
+def test_a_size_that_is_not_told_has_its_line_in_the_bench():
+    one = {"true": 2.0, "found": 2.5, "errors": {"mu": 0.01}, "without": 90.0, "left": 10.0}
+    cases = {"drag/1": one | {"std": 0.1}, "adhesion/1": one | {"std": None}}
+    _, told, untold = bench_effects.table({"cases": cases}).splitlines()
+    assert told.split()[1:6] == ["2", "2.5", "0.1", "+25.0", "%"]
+    assert untold.split()[1:6] == ["2", "2.5", "-", "+25.0", "%"]
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path):

@@ -11,7 +11,7 @@ from form_drake.bench import blind_faces
 from form_drake.diagnose.model import Cause, Model, Scenes
 from form_drake.diagnose.race import raced
 from form_drake.diagnose.score import scores
-from form_drake.diagnose.sight import Sight, guessed
+from form_drake.diagnose.sight import SETTLED, Sight, guessed
 from form_drake.effects import CATALOGUE
 from form_drake.laws import LAWS
 from form_drake.records import Stream
@@ -76,6 +76,12 @@ def test_what_the_grid_has_wrong_is_taken_off():
     assert np.sum(sight.left**2) < np.sum(plain.left**2)
     fine = Sight.of(replace(sight.scenes, coarser=1.0), sight.model)
     assert sight.apart == pytest.approx(fine.apart, abs=1e-9)
+    ways = (
+        fine,
+        plain,
+    )  # the moduli are nearest on the finer grid, and were not on the coarser one
+    here, coarse = (np.linalg.lstsq(s.own_slopes, s.apart, rcond=None)[0] for s in ways)
+    assert np.abs(here).max() < SETTLED < 0.2 * np.abs(coarse).max()
 
 
 def test_what_the_grid_may_leave_at_a_point_weighs_no_more_than_noise():
@@ -135,6 +141,14 @@ def test_what_is_known_of_the_law_stays():
     assert sight._keys == [free]
     assert sight.valued(np.array([0.1])) == pytest.approx(TRUTH | {free: TRUTH[free] * np.exp(0.1)})
     assert sight.turned({**TRUTH, free: TRUTH[free] * np.exp(0.1)}) == pytest.approx([0.1])
+
+
+def test_two_sides_refuse_a_ratio_that_ties_moduli():
+    law = LAWS["fixed-corotated"]
+    push = Stream(block().time, np.zeros((len(block().time), 3)), noise=PUSH)
+    seen = replace(block(), law=law.name, known={"nu": 0.4}, forces={"plate": push})
+    with pytest.raises(ValueError, match="declare nu as known, which two sides cannot hold"):
+        blind_faces.ranking([seen], law)
 
 
 def test_a_case_that_two_sides_show_is_ranked(monkeypatch):
