@@ -45,6 +45,7 @@ SEALED = {
     "first": "blind.json",
     "second": "second/blind.json",
     "third": "third/blind.json",
+    "fifth": "fifth/blind.json",
 }
 
 
