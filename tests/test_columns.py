@@ -49,6 +49,7 @@ BENDING = [
     ("bonded", "inclusion", 5.0, BALL),
     ("bonded", "eigenstrain", 0.015, {}),
     ("bonded", "camera-scale", 0.01, {}),
+    ("bonded", "force-gain", -0.3, {}),
     ("frictionless", "tool-friction", 0.3, {}),
 ]
 
@@ -88,6 +89,22 @@ def test_columns_beside_what_bends_them_are_made_once_on_the_way():
     assert bent.near(MODEL).kept.own is None and bent.anchored().kept.own is None
     search = replace(Search.of(bent), mended=np.ones((len(bent.gap), 4)))
     assert not search.anchored().mended[:, :2].any() and search.anchored().mended[:, 2:].all()
+
+
+def test_what_another_twin_explains_has_no_noise_of_the_data():
+    """Rows of noisy data change by more where the moduli do: their noise grows with them."""
+    true = replace(MODEL, values={k: 1.4 * v for k, v in MODEL.values.items()})
+    (made,) = Scenes.of((BLOCK.press("bonded", 0.4),)).rough.rolled(true)
+    changes = []
+    for seen in (made, *(noisy(made, np.random.default_rng(seed)) for seed in range(2))):
+        scenes = Scenes.of((seen,))
+        match = Match.of(read(scenes, MODEL.law, {})[0], scenes, MODEL)
+        after = match.near(true)
+        changes += [match.apart - after.apart, match.explains(after)]
+    exact, told, *drawn = match.white(np.stack(changes, axis=1)).T
+    assert np.linalg.norm(told - exact) < 1e-4 * np.linalg.norm(exact)
+    one, told_of_one, other, told_of_other = drawn
+    assert np.linalg.norm(told_of_one - told_of_other) < 0.1 * np.linalg.norm(one - other)
 
 
 @pytest.mark.parametrize("name", ["damping", "eigenstrain"])

@@ -88,7 +88,7 @@ def rows_of(before, after, chance=50.0):
     own = [np.array(rows) for rows in (before, after)]
     by = SimpleNamespace(white=lambda a: a)
     match = SimpleNamespace(gap=own[1], apart=own[1], by=by, chance_apart=chance)
-    was = SimpleNamespace(match=SimpleNamespace(apart=own[0]))
+    was = SimpleNamespace(match=SimpleNamespace(apart=own[0], explains=lambda m: own[0] - m.apart))
     return Check(SimpleNamespace(), None, was), Predicted((), (), match)
 
 

@@ -188,6 +188,17 @@ class Match(Projected):
         """What effects change of the twin, not whitened."""
         return Columns(self.problem, self.twin, self.model, self.scenes, self.simulated)
 
+    def explains(self, after: "Match") -> np.ndarray:
+        """The same, if the data are what the other twin makes.
+
+        Rows of the data themselves have noise that grows with the moduli: what other moduli change of them
+        has a share of it.
+        """
+        eta, theta = self.twin.coordinates(self.model.values)
+        one, other = (rest_of(m.twin.rows(eta, theta), theta) for m in (self, after))
+        known, there = (0.0 if m.grid is None else m.grid for m in (self, after))
+        return np.asarray(other - one + there - known)
+
     @cached_property
     def own_slopes(self) -> np.ndarray:
         """By the twin's motion; beside effects that bend them with what simulations add to that."""

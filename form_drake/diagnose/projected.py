@@ -98,6 +98,10 @@ class Projected(ABC):
         """An effect's columns, whitened, shape [rows, shapes]."""
         return self.white(self.changes(effect, shapes))
 
+    def explains(self, after: Self) -> np.ndarray:
+        """What another twin explains that this one leaves, without the data's noise, not whitened, shape [rows]."""
+        return self.apart - after.apart
+
     @cached_property
     def gap(self) -> np.ndarray:
         """Whitened, shape [rows]."""

@@ -169,8 +169,9 @@ class Check:
         """Rows of the gap before, and what effects change of them, whitened by the weights after."""
         if self.before.match is None or after.match is None:
             return np.zeros(0), np.zeros(0)
-        before, now = self.before.match.apart, after.match.apart
-        was, change = after.match.by.white(np.stack([before, before - now], axis=1)).T
+        before = self.before.match
+        both = np.stack([before.apart, before.explains(after.match)], axis=1)
+        was, change = after.match.by.white(both).T
         return was, change
 
     def channels(self, after: Predicted, before: Predicted | None = None) -> list[Channel]:

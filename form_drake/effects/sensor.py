@@ -101,6 +101,7 @@ FORCE_GAIN = _force(
     prior=(0.005, 1.0),
     shown=("a known weight",),
     same=("density",),  # moduli and density grow by the share, and nothing else does
+    bends=True,
 )
 FORCE_BIAS = _force(
     "force-bias",
