@@ -107,6 +107,24 @@ def test_what_another_twin_explains_has_no_noise_of_the_data():
     assert np.linalg.norm(told_of_one - told_of_other) < 0.1 * np.linalg.norm(one - other)
 
 
+def test_steps_learn_no_noise_of_the_data(monkeypatch):
+    """A step of moduli and of a gain, whose product no column knows."""
+    gain = CATALOGUE["force-gain"]
+    start = MODEL.more(gain, 0.2, {})
+    (made,) = Scenes.of((BLOCK.press("bonded", 0.4),)).rough.rolled(MODEL)
+    step = np.array([*(0.4 * v for v in MODEL.values.values()), 0.5])
+    monkeypatch.setattr(Search, "_change", lambda *a: step)
+    rows = []
+    for seed in range(2):
+        scenes = Scenes.of((noisy(made, np.random.default_rng(seed)),))
+        match = Match.of(read(scenes, MODEL.law, {})[0], scenes, start)
+        search = Search.of(match)
+        rows += [search.stepped().mended @ step, match.apart - match.near(search.model(step)).apart]
+    one, changed, other, changed_too = match.white(np.stack(rows, axis=1)).T
+    assert np.linalg.norm(one - other) < 0.3 * np.linalg.norm(changed - changed_too)
+    assert np.linalg.norm(one) > 10.0
+
+
 @pytest.mark.parametrize("name", ["damping", "eigenstrain"])
 def test_noisy_tracks_are_read_less_sharply_than_a_column_along_the_motion(name):
     """Which is why effects that act inside a body are simulated: such a column is another, and larger."""

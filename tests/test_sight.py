@@ -76,10 +76,7 @@ def test_what_the_grid_has_wrong_is_taken_off():
     assert np.sum(sight.left**2) < np.sum(plain.left**2)
     fine = Sight.of(replace(sight.scenes, coarser=1.0), sight.model)
     assert sight.apart == pytest.approx(fine.apart, abs=1e-9)
-    ways = (
-        fine,
-        plain,
-    )  # the moduli are nearest on the finer grid, and were not on the coarser one
+    ways = fine, plain  # the moduli are nearest on the finer grid, and were not on the coarser one
     here, coarse = (np.linalg.lstsq(s.own_slopes, s.apart, rcond=None)[0] for s in ways)
     assert np.abs(here).max() < SETTLED < 0.2 * np.abs(coarse).max()
 

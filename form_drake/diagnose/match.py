@@ -189,10 +189,8 @@ class Match(Projected):
         return Columns(self.problem, self.twin, self.model, self.scenes, self.simulated)
 
     def explains(self, after: "Match") -> np.ndarray:
-        """The same, if the data are what the other twin makes.
-
-        Rows of the data themselves have noise that grows with the moduli: what other moduli change of them
-        has a share of it.
+        """The same. Rows of the data have noise that grows with the moduli, so that what other moduli change
+        of them has a share of it.
         """
         eta, theta = self.twin.coordinates(self.model.values)
         one, other = (rest_of(m.twin.rows(eta, theta), theta) for m in (self, after))

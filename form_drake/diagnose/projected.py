@@ -99,7 +99,10 @@ class Projected(ABC):
         return self.white(self.changes(effect, shapes))
 
     def explains(self, after: Self) -> np.ndarray:
-        """What another twin explains that this one leaves, without the data's noise, not whitened, shape [rows]."""
+        """What another twin explains that this one leaves, not whitened, shape [rows].
+
+        Without the data's noise: as if they were what the other twin makes.
+        """
         return self.apart - after.apart
 
     @cached_property

@@ -135,7 +135,7 @@ class Search(Generic[M]):
         taught = self.mended
         if surprise > NOISE:  # else what was missed is what noise of the data does to its columns
             weight = change / match.std**2
-            missed = match.explains(after) - (match.slopes + self.mended) @ change
+            missed = -after.explains(match) - (match.slopes + self.mended) @ change
             taught = self.mended + np.outer(missed, weight) / max(weight @ change, TINY)
         before, gained = float(np.sum(match.gap**2)), match.excess - after.excess
         idle = self.idle + 1 if gained < self._worth else 0
