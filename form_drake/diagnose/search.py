@@ -106,11 +106,17 @@ class Search(Generic[M]):
         return max(SAME, GAINED * square, AMISS * (square - len(gap)))
 
     def model(self, change: np.ndarray) -> Model:
-        """After a change of the unknowns."""
+        """After a change of the unknowns.
+
+        Moduli and a share of what is measured are known as a product, which is changed as columns say.
+        """
         own, *causes = np.split(change, self.match.parts)
-        model = self.match.model
+        model, rest = self.match.model, 1.0
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
-        return replace(model, values=self.match.valued(own), causes=tuple(moved)).whole
+        for before, after in zip(model.causes, moved, strict=True):
+            if before.effect.compounds:
+                rest *= (1.0 + before.coefficient) / (1.0 + after.coefficient)
+        return replace(model, values=self.match.valued(rest * own), causes=tuple(moved)).whole
 
     def anchored(self: "Search[Match]") -> "Search[Match]":
         """With what the grid has wrong here; columns of the law that are made anew need no mending."""

@@ -147,6 +147,8 @@ class Effect:
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
         same: ids of effects that no recording tells from it: they are of one class whatever columns show.
+        compounds: whether more of it is added to what it has changed already, as a share of what is measured
+            is: its column is read from that.
         whole: whether what it changes is no sum of what parts of it do. Of a ball that is stiffer little is
             strained. Where it acts it is simulated, by a ``trial``. What has no column is such.
     """
@@ -173,6 +175,7 @@ class Effect:
     faces: tuple[str, ...] = ()
     fits: Callable[[Law], bool] = field(default=lambda law: True, repr=False)
     same: tuple[str, ...] = ()
+    compounds: bool = False
     whole: bool = False
 
     def __post_init__(self) -> None:

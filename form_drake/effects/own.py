@@ -61,7 +61,7 @@ def _fault(effect: Effect) -> str | None:
         told = getattr(effect, name)
         if not (callable(told) or (told is None and name != "fits")):
             return f"{name} must be a function, got {told!r}"
-    for name in ("signed", "share", "bends", "whole"):
+    for name in ("signed", "share", "bends", "compounds", "whole"):
         if not isinstance(told := getattr(effect, name), bool):
             return f"{name} must be True or False, got {told!r}"
     for name in ("prior", "trial", "least", "most"):

@@ -102,6 +102,7 @@ FORCE_GAIN = _force(
     shown=("a known weight",),
     same=("density",),  # moduli and density grow by the share, and nothing else does
     bends=True,
+    compounds=True,
 )
 FORCE_BIAS = _force(
     "force-bias",
@@ -164,6 +165,7 @@ CAMERA_SCALE = _camera(
     prior=(1e-5, 0.1),
     shown=("a ruler", "a look at the bonded edge"),
     bends=True,
+    compounds=True,
 )
 CAMERA_POSE = _camera(
     "camera-pose",
