@@ -79,6 +79,37 @@ def test_columns_of_the_law_are_others_beside_what_bends_them(plate, name, size,
     assert min(alike) < 0.95
 
 
+@pytest.mark.parametrize(("name", "size"), [("force-gain", -0.3), ("camera-scale", 0.05)])
+def test_a_share_more_is_added_to_what_is_measured_with_that_share(name, size):
+    """The column of what acts is what a little more of it changes, not of what it has changed already."""
+    model = MODEL.more(CATALOGUE[name], size, {})
+    (made,) = Scenes.of((BLOCK.press("bonded", 0.4),)).rough.rolled(model)
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    match = Match.of(read(scenes, MODEL.law, {})[0], scenes, model)
+    step = 0.02 * (1.0 + size)
+    less, more = (match.near(MODEL.more(CATALOGUE[name], size + d, {})) for d in (-step, step))
+    true = match.white((match.explains(more) - match.explains(less)) / (2.0 * step))
+    own = match.white(match.slopes[:, -1])
+    assert own @ true == pytest.approx(own @ own, rel=0.03)
+
+
+@pytest.mark.parametrize(("start", "true"), [(0.2, 0.0), (0.01, -0.3), (0.01, 0.4), (-0.3, 0.0)])
+def test_one_step_finds_a_gain_far_away_whose_force_is_the_same(start, true):
+    """What is known well is the product of moduli and one more than the gain."""
+    gain = CATALOGUE["force-gain"]
+    (made,) = Scenes.of((BLOCK.press("frictionless", 0.8),)).rough.rolled(
+        MODEL.more(gain, true, {})
+    )
+    scenes = Scenes.of((noisy(made, np.random.default_rng(0)),))
+    soft = {k: v * (1.0 + true) / (1.0 + start) for k, v in MODEL.values.items()}
+    match = Match.of(read(scenes, MODEL.law, {})[0], scenes, replace(MODEL, values=soft))
+    begun = match.near(match.model.more(gain, start, {}))
+    found = Search.of(replace(begun, grid=np.zeros(len(begun.apart)))).stepped().match
+    (cause,) = found.model.causes
+    assert found.excess < begun.excess - 20.0
+    assert cause.coefficient == pytest.approx(true, abs=2.5 * found.std[-1])
+
+
 def test_columns_beside_what_bends_them_are_made_once_on_the_way():
     match = begun("bonded", 0.7)
     drag, slow = (CATALOGUE[name] for name in ("drag", "relaxation"))
@@ -305,12 +336,21 @@ def test_what_a_grid_has_wrong_is_known_before_far_more_is_said_to_be_missing(mo
 
 
 def test_a_softer_body_is_no_nearer_for_the_noise_that_it_takes_along():
-    """A force sensor that shows too much beside softer moduli: rows of noisy data shrink with these."""
-    match = begun("bonded", 0.4)
+    """A force sensor that shows too much beside softer moduli: rows of noisy data shrink with these.
+
+    What a square has beyond noise grows by that of what is changed, on average over draws.
+    """
+    (made,) = Scenes.of((BLOCK.press("frictionless", 0.4),)).rough.rolled(MODEL)
     soft = replace(MODEL, values={k: v / 1.2 for k, v in MODEL.values.items()})
-    other = match.near(soft.more(CATALOGUE["force-gain"], 0.2, {}))
-    assert other.gap @ other.gap < match.gap @ match.gap
-    assert other.excess > match.excess + 5.0
+    more, squares = [], []
+    for seed in range(4):
+        scenes = Scenes.of((noisy(made, np.random.default_rng(seed)),))
+        match = Match.of(read(scenes, MODEL.law, {})[0], scenes, MODEL)
+        other = match.near(soft.more(CATALOGUE["force-gain"], 0.2, {}))
+        assert other.gap @ other.gap < match.gap @ match.gap
+        more.append(other.excess - match.excess)
+        squares.append(np.sum(match.white(match.explains(other)) ** 2))
+    assert min(more) > 0.0 and np.mean(more) == pytest.approx(np.mean(squares), rel=0.25)
 
 
 def test_what_a_match_was_made_from_is_forgotten_and_made_again():

@@ -59,7 +59,7 @@ def test_what_is_declared_as_known_stays_while_a_twin_is_fitted(known, values):
     model, twin = Model(LAW, TRUTH), SimpleNamespace(coordinates=lambda v: (np.zeros(0), theta))
     theta = np.array([TRUTH["mu"], TRUTH["lam"]])
     problem = SimpleNamespace(unknowns=unknowns, values=lambda eta: {})
-    match = Match(problem, twin, None, None, model, None)
+    match = Match(problem, twin, None, None, model, None, ())
     assert match.valued(np.zeros(len(unknowns.keys))) == pytest.approx(TRUTH)
     phi = match._phi
     assert match.valued(0.2 * phi) == pytest.approx(values)

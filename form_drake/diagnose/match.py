@@ -15,7 +15,7 @@ import numpy as np
 from form_drake.diagnose.columns import Columns, Key, rest_of, twin_of
 from form_drake.diagnose.kept import Kept
 from form_drake.diagnose.model import Cause, Model, Scenes, firm
-from form_drake.diagnose.noise import by_field, shaken, weighed
+from form_drake.diagnose.noise import Draws, by_field, shaken, weighed
 from form_drake.diagnose.plates import Elsewhere
 from form_drake.diagnose.projected import Projected
 from form_drake.effects import Effect, Shape
@@ -49,6 +49,7 @@ class Match(Projected):
         by: the same, with what the finer grid may have wrong itself as one more error of every test field.
         model: that the twin was simulated with.
         scenes: of the recordings.
+        draws: what noise of the data changes of rows of the twin, or of one that is near.
         grid: what the twin has wrong, in rows of b - A theta, shape [rows], by a finer one; None: it is not
             known.
         bent: the same in coefficients of the fits [m], by probe; none where it is not known, or nothing.
@@ -63,6 +64,7 @@ class Match(Projected):
     by: Weights
     model: Model
     scenes: Scenes
+    draws: Draws = field(repr=False)
     grid: np.ndarray | None = field(default=None, repr=False)
     bent: tuple[np.ndarray, ...] = field(default=(), repr=False)
     began: np.ndarray | None = field(default=None, repr=False)
@@ -86,7 +88,8 @@ class Match(Projected):
         problem = replace(problem, probes=probes)  # what smoothing takes off, it takes off both
         twin = twin_of(problem, scenes.rough, model, made)
         by = weighed(problem, twin, scenes, model, elsewhere)
-        found = cls(problem, twin, by, by, model, scenes)
+        draws = shaken(problem, twin, *twin.coordinates(model.values))
+        found = cls(problem, twin, by, by, model, scenes, draws)
         none = np.zeros(len(found.apart)) if scenes.coarser <= 1.0 else None
         return replace(found, grid=none, began=found.apart)
 
@@ -130,13 +133,14 @@ class Match(Projected):
         one, other = (rest_of(p.rows(eta, theta), theta) for p in (finer, self.twin))
         grid, rows = one - other, [int(p.keep.sum()) for p in self.problem.probes]
         share = self.scenes.remaining(ORDER)
-        noise = self.noise
+        noise, draws = self.noise, self.draws
         if self._moved > OTHER:
             noise = weighed(self.problem, self.twin, self.scenes, self.model)
+            draws = shaken(self.problem, self.twin, eta, theta)
         rest = by_field(self.problem, np.repeat(share, rows) * grid)
         bent, by = _bent(finer, self.twin), noise.beside(rest)
         kept = replace(self._made, own=None)
-        found = replace(self, grid=grid, bent=bent, noise=noise, by=by, kept=kept)
+        found = replace(self, grid=grid, bent=bent, noise=noise, draws=draws, by=by, kept=kept)
         return replace(found, began=found.apart)
 
     @cached_property
@@ -277,7 +281,7 @@ class Match(Projected):
     def seen_by(self, by: Weights, apart: np.ndarray) -> "Match":
         """The same columns with other weights, and other rows left over."""
         other = replace(self, by=by)
-        kept = {"raw": self.raw, "slopes": self.slopes, "_shaken": self._shaken}
+        kept = {"raw": self.raw, "slopes": self.slopes}
         other.__dict__.update(kept, apart=apart)
         return other
 
@@ -320,9 +324,8 @@ class Match(Projected):
     @cached_property
     def _shaken(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """What noise changes of the twin's rows, not whitened: draws and their opposites."""
-        eta, theta = self.twin.coordinates(self.model.values)
-        lasting = any(p.fit.lasting for p in self.problem.probes)  # draws that want every point
-        return shaken(self.problem, self.twin if lasting else self.twin.coarser, eta, theta)
+        theta = self.twin.coordinates(self.model.values)[1]
+        return [(rest_of(one, theta), rest_of(other, theta)) for one, other in self.draws]
 
     @cached_property
     def chance(self) -> float:

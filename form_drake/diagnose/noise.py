@@ -1,16 +1,19 @@
 """What noise does to the rows of a balance, and what simulations of held layers have wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from form_drake.diagnose.columns import rest_of
+from form_drake.diagnose.between import between
 from form_drake.diagnose.model import Model, Scenes
 from form_drake.diagnose.plates import Elsewhere, plate_errors, simulated
-from form_drake.identify.problem import Problem
+from form_drake.identify.problem import Problem, Rows
 from form_drake.weak.contact import STIFFNESS, HeldFields, held
 from form_drake.weak.probe import Probe
 from form_drake.weak.solve import Weights, weights
+from form_drake.weak.system import Row
+
+Draws = Sequence[tuple[Rows, Rows]]
 
 PAIRS = 4  # of draws
 SURE = 4.0  # standard deviations
@@ -27,19 +30,18 @@ def most(chance: float) -> float:
     return chance + SURE * float(np.sqrt(2.0 * chance * (1.0 + 1.0 / PAIRS)))
 
 
-def shaken(
-    data: Problem, twin: Problem, eta: np.ndarray, theta: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """What draws of the noise of data change of the rows b - A theta of a twin, and their opposites.
+def shaken(data: Problem, twin: Problem, eta: np.ndarray, theta: np.ndarray) -> Draws:
+    """What draws of the noise of data change of the rows A and b of a twin, and their opposites.
 
-    Those that would fold a body are left out.
+    At all of its points: at fewer, noise enters the rows by up to half as much again. Draws that would fold a
+    body are left out.
     """
-    rng, still, found = np.random.default_rng(0), rest_of(twin.rows(eta, theta), theta), []
+    rng, (A, b), found = np.random.default_rng(0), twin.rows(eta, theta), []
     for _ in range(PAIRS):
         changes = twin.changes([probe.drawn(rng) for probe in data.probes])
         one, other = (twin.disturbed(eta, changes, sign) for sign in (1.0, -1.0))
         if one is not None and other is not None:
-            found.append((rest_of(one, theta) - still, rest_of(other, theta) - still))
+            found.append(((one[0] - A, one[1] - b), (other[0] - A, other[1] - b)))
     return found
 
 
@@ -67,10 +69,19 @@ def by_field(problem: Problem, error: np.ndarray) -> np.ndarray:
     What a grid has wrong keeps its course in time and differs from place to place: of two grids one
     tells how large it is there, not how much of it is left.
     """
-    labels = [(n, row.field) for n, p in enumerate(problem.probes) for row in p.labels]
-    fields = {label: n for n, label in enumerate(dict.fromkeys(labels))}
-    found = np.zeros((len(error), len(fields)))
-    found[np.arange(len(error)), [fields[label] for label in labels]] = error
+    return _parted(problem, error, lambda row: row.field)
+
+
+def by_window(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """The same of every window, shape [rows, windows of all probes]."""
+    return _parted(problem, error, lambda row: row.window)
+
+
+def _parted(problem: Problem, error: np.ndarray, of: Callable[[Row], object]) -> np.ndarray:
+    labels = [(n, of(row)) for n, p in enumerate(problem.probes) for row in p.labels]
+    own = {label: n for n, label in enumerate(dict.fromkeys(labels))}
+    found = np.zeros((len(error), len(own)))
+    found[np.arange(len(error)), [own[label] for label in labels]] = error
     return found
 
 
@@ -83,7 +94,8 @@ def weighed(
 ) -> Weights:
     """Inverse covariance of noise, and of what simulations have wrong at held faces.
 
-    Where plates may stand elsewhere than they are told to, that is one more error of all rows.
+    What frames miss of a motion is one more error of the rows of every window; where plates may stand
+    elsewhere than they are told to, that is one more of all rows.
 
     Args:
         problem: probes of the data.
@@ -99,5 +111,7 @@ def weighed(
     pairs = zip(noise, twin.probes, scenes.dx, strict=True)
     noise = [n + layer_error(p, dx) for n, p, dx in pairs]
     found = weights(noise, np.ones(sum(map(len, noise))), 0.0)
+    missed = between(problem, twin, scenes, model).T
+    found = found.beside(np.hstack([by_window(problem, own) for own in missed]))
     made = simulated(scenes, model) if made is None else made
     return found.beside(plate_errors(problem, twin, scenes, model, made)) if made else found
