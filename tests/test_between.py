@@ -8,6 +8,7 @@ import pytest
 
 from form_drake.diagnose.between import PARTS, between, denser
 from form_drake.diagnose.noise import by_window
+from form_drake.identify.problem import Problem
 from helpers.twins import MODEL, begun
 
 ROW = "z with plate"
@@ -68,3 +69,9 @@ def test_frames_lie_among_those_that_are_seen_and_no_track_is_told():
     assert dense.time[::PARTS] == pytest.approx(seen.time)
     assert np.array_equal(dense.reference, seen.reference)
     assert not np.ptp(dense.p_WQ, axis=0).any() and dense.valid is None
+
+
+def test_motions_that_would_fold_a_body_add_no_error(monkeypatch):
+    match, labels = read(True)
+    monkeypatch.setattr(Problem, "disturbed", lambda *a: None)
+    assert between(match.problem, match.twin, match.scenes, match.model).shape == (len(labels), 0)

@@ -444,6 +444,28 @@ def test_an_effect_is_of_the_world_or_of_a_sensor():
         replace(CATALOGUE["inclusion"], trial=0.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "more", "told"),
+    [
+        ("drag", {}, "one that compounds wants a sensor"),
+        ("camera-scale", {}, "no coefficient below -1"),
+        ("force-gain", {"least": -2.0}, "no coefficient below -1"),
+    ],
+)
+def test_what_multiplies_forces_is_a_share_more_of_what_is_measured(name, more, told):
+    with pytest.raises(ValueError, match=f"effect {name}: .*{told}"):
+        replace(CATALOGUE[name], compounds=True, **more)
+
+
+def test_no_step_takes_half_of_a_force_away():
+    gain = CATALOGUE["force-gain"]
+    for now in (0.0, -0.4, -0.9, 3.0):
+        for wanted in (-50.0, -1.0, now - 0.6 * (1.0 + now)):
+            assert 0.5 * (1.0 + now) < 1.0 + gain.bounded(wanted, now) < 1.0 + now
+        near = now - 0.4 * (1.0 + now)
+        assert gain.bounded(near, now) == near
+
+
 def test_a_delay_is_one_however_fast_the_force_goes():
     """25 ms late at 5 Hz: to first order the force would be 28 % too large."""
     time = np.linspace(3.0, 4.0, 121)

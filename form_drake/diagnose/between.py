@@ -17,6 +17,7 @@ from form_drake.motion.tracks import valid_points
 from form_drake.records import Recording
 from form_drake.weak.probe import Probe
 
+SLIGHT = 0.01  # of what is missed, in differences
 PARTS = 4  # of the time from frame to frame
 LOOKS = (
     1,
@@ -65,11 +66,12 @@ def between(problem: Problem, twin: Problem, scenes: Scenes, model: Model) -> np
     rough, found = twin.coarser, []
     still = rest_of(rough.rows(eta, theta), theta)
     for look in LOOKS:
-        drawn = [(_missed(p, seen, one, look), _unmoved(p)) for p, seen, one in own]
-        rows = rough.disturbed(eta, rough.changes(drawn), 1.0 / np.sqrt(len(LOOKS)))
-        if rows is not None:
-            found.append(rest_of(rows, theta) - still)
-    return np.reshape(found, (len(found), len(still))).T
+        off = rough.changes([(_missed(p, seen, one, look), {}) for p, seen, one in own])
+        rows = rough.disturbed(eta, off, SLIGHT)
+        if rows is None:  # it folds by next to nothing
+            return np.zeros((len(still), 0))
+        found.append((rest_of(rows, theta) - still) / (SLIGHT * np.sqrt(len(LOOKS))))
+    return np.stack(found, axis=1)
 
 
 def _missed(probe: Probe, seen: Recording, made: Recording, look: int) -> np.ndarray:
@@ -85,7 +87,3 @@ def _missed(probe: Probe, seen: Recording, made: Recording, look: int) -> np.nda
         noise=probe.fit.noise,
     )
     return fit_tracks(alike, probe.body, like=probe.fit).c
-
-
-def _unmoved(probe: Probe) -> dict[str, np.ndarray]:
-    return {name: 0.0 * force.value for name, force in probe.forces.items()}

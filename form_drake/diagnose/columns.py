@@ -105,7 +105,8 @@ class Columns:
     def _made(self, effect: Effect, shape: Shape) -> np.ndarray:
         if self._simulates(effect, shape):
             return self._changed(effect, shape)
-        return np.concatenate([_read(effect, reading, shape) for reading in self.readings])
+        found = np.concatenate([_read(effect, reading, shape) for reading in self.readings])
+        return found / self.model.shown if effect.compounds else found
 
     def _changed(self, effect: Effect, shape: Shape) -> np.ndarray:
         """What a coefficient more of an effect changes of a simulation, in rows of A theta - b."""

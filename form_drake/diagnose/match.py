@@ -98,10 +98,16 @@ class Match(Projected):
         return [p.body for p in self.problem.probes]
 
     def near(self, model: Model) -> "Match":
-        twin = twin_of(self.problem, self.scenes.rough, model)
-        found = replace(self, twin=twin, model=model, kept=self._made)
-        same = found.bending == self.bending
-        return found if same else replace(found, kept=replace(found.kept, own=None))
+        twin, kept = twin_of(self.problem, self.scenes.rough, model), self._made
+        found = replace(self, twin=twin, model=model)
+        own = kept.own if found.bending == self.bending else None
+        if own is not None:  # as forces are shown
+            own = own * (model.shown / self.model.shown)
+        now, before = (m.twin.coordinates(m.model.values) for m in (found, self))
+        draws = self.draws  # exact in what rows are linear in
+        if not np.array_equal(now[0], before[0]):
+            draws = shaken(self.problem, twin, *now)
+        return replace(found, draws=draws, kept=replace(kept, own=own))
 
     def on(self, coarser: float) -> "Match":
         """With a twin on another grid and the same gap: what else that grid has wrong is told by the two.

@@ -201,6 +201,11 @@ class Model:
         return -size if effect.share and shares + size > 1.0 else size
 
     @property
+    def shown(self) -> float:
+        """By how much larger tools show forces than they are."""
+        return float(np.prod([1.0 + c.coefficient for c in self.causes if c.effect.compounds]))
+
+    @property
     def whole(self) -> "Model":
         """With shares of the stress that add up to one at most."""
         total = sum(c.coefficient for c in self.causes if c.effect.share)

@@ -111,7 +111,7 @@ def weighed(
     pairs = zip(noise, twin.probes, scenes.dx, strict=True)
     noise = [n + layer_error(p, dx) for n, p, dx in pairs]
     found = weights(noise, np.ones(sum(map(len, noise))), 0.0)
-    missed = between(problem, twin, scenes, model).T
-    found = found.beside(np.hstack([by_window(problem, own) for own in missed]))
+    for missed in between(problem, twin, scenes, model).T:
+        found = found.beside(by_window(problem, missed))
     made = simulated(scenes, model) if made is None else made
     return found.beside(plate_errors(problem, twin, scenes, model, made)) if made else found

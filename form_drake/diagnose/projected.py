@@ -142,8 +142,6 @@ class Projected(ABC):
         if kept is not None:
             return kept
         columns = self.changes(cause.effect, cause.beside)
-        if cause.effect.compounds:
-            columns = columns / (1.0 + cause.coefficient)
         if cause.effect.whole and self.entire:  # as it is, nothing is changed
             columns[:, 1:] *= [dict(shape) != dict(cause.shape) for shape in cause.beside[1:]]
         turns = (columns[:, 2::2] - columns[:, 1::2]) / np.ptp(cause.ends, axis=1)

@@ -108,15 +108,29 @@ class Search(Generic[M]):
     def model(self, change: np.ndarray) -> Model:
         """After a change of the unknowns.
 
-        Moduli and a share of what is measured are known as a product, which is changed as columns say.
+        Moduli and what multiplies forces are known as a product, which goes as columns say.
         """
         own, *causes = np.split(change, self.match.parts)
-        model, rest = self.match.model, 1.0
+        model = self.match.model
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
-        for before, after in zip(model.causes, moved, strict=True):
-            if before.effect.compounds:
-                rest *= (1.0 + before.coefficient) / (1.0 + after.coefficient)
-        return replace(model, values=self.match.valued(rest * own), causes=tuple(moved)).whole
+        after = replace(model, values=self.match.valued(own), causes=tuple(moved))
+        return replace(after, values=self._kept(after, model.shown / after.shown)).whole
+
+    def _kept(self, after: Model, share: float) -> dict[str, float]:
+        """Values of the law, those of its terms changed by a share of what they are."""
+        if share == 1.0:
+            return dict(after.values)
+        before, terms = self.match.model.values, {t.key for t in after.law.terms}
+        return {
+            k: before[k] + share * (v - before[k]) if k in terms else v
+            for k, v in after.values.items()
+        }
+
+    def _change_to(self, model: Model) -> np.ndarray:
+        """What columns say of a model: the change of the unknowns that keeps the product."""
+        before = self.match.model
+        values = self._kept(model, model.shown / before.shown)
+        return self.match.towards(replace(model, values=values))
 
     def anchored(self: "Search[Match]") -> "Search[Match]":
         """With what the grid has wrong here; columns of the law that are made anew need no mending."""
@@ -129,7 +143,7 @@ class Search(Generic[M]):
         """After one more simulation."""
         match, damped = self.match, max(LARGER * self.damping, FIRST)
         model = self.model(self._change(self.damping, self._columns))
-        change = match.towards(model)  # shares that add up to one, and firm moduli, may be others
+        change = self._change_to(model)  # shares that add up to one, and firm moduli, may be others
         try:
             after = match.near(model)
         except ValueError:  # the simulation does not stand the step

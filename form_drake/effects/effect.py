@@ -147,8 +147,8 @@ class Effect:
         faces: conditions of faces that it needs one of; empty: none.
         fits: whether it can be missing beside a law.
         same: ids of effects that no recording tells from it: they are of one class whatever columns show.
-        compounds: whether more of it is added to what it has changed already, as a share of what is measured
-            is: its column is read from that.
+        compounds: whether it multiplies the forces that tools feel, as moduli do: more of it is added to what it
+            has changed already, and it is known as a product with them.
         whole: whether what it changes is no sum of what parts of it do. Of a ball that is stiffer little is
             strained. Where it acts it is simulated, by a ``trial``. What has no column is such.
     """
@@ -185,6 +185,10 @@ class Effect:
             raise ValueError(f"effect {self.id}: column or trial is wanted")
         if self.whole and not self.trial > 0.0:
             raise ValueError(f"effect {self.id}: one that acts as a whole wants a trial")
+        if self.compounds and not (self.sensor and self.column and self.lower >= -1.0):
+            raise ValueError(
+                f"effect {self.id}: one that compounds wants a sensor, a column and no coefficient below -1"
+            )
         object.__setattr__(self, "whole", self.whole or self.column is None)
         if len(self.prior) != 2 or not 0.0 < self.prior[0] < self.prior[1] < np.inf:
             raise ValueError(f"effect {self.id}: prior {self.prior} must be two increasing sizes")
@@ -237,11 +241,13 @@ class Effect:
     def bounded(self, size: float, now: float = 0.0) -> float:
         """A coefficient within what there can be; one beyond the least is half-way to it from ``now``.
 
-        It is not ten times larger at once than it was or than is likely.
+        It is not ten times larger at once than it was or than is likely. What multiplies forces takes less
+        than half of them away.
         """
         far = FAR * max(abs(now), self.prior[1])
         size = min(max(size, -far), far, self.most)
-        return size if size > self.lower else 0.5 * (now + self.lower)
+        lower = now - 0.5 * (1.0 + now) if self.compounds else self.lower
+        return size if size > lower else 0.5 * (now + lower)
 
     def tried(self, modulus: float, mass: float) -> float:
         """``trial`` for a body, which goes with these as the unit does.

@@ -103,6 +103,7 @@ FORCE_GAIN = _force(
     same=("density",),  # moduli and density grow by the share, and nothing else does
     bends=True,
     compounds=True,
+    least=-1.0,
 )
 FORCE_BIAS = _force(
     "force-bias",
@@ -165,7 +166,6 @@ CAMERA_SCALE = _camera(
     prior=(1e-5, 0.1),
     shown=("a ruler", "a look at the bonded edge"),
     bends=True,
-    compounds=True,
 )
 CAMERA_POSE = _camera(
     "camera-pose",
