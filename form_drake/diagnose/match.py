@@ -101,8 +101,9 @@ class Match(Projected):
         twin, kept = twin_of(self.problem, self.scenes.rough, model), self._made
         found = replace(self, twin=twin, model=model)
         own = kept.own if found.bending == self.bending else None
-        if own is not None:  # as forces are shown
-            own = own * (model.shown / self.model.shown)
+        share = model.shown / self.model.shown
+        if own is not None and share != 1.0:  # moduli and forces grow alike
+            own = share * own
         now, before = (m.twin.coordinates(m.model.values) for m in (found, self))
         draws = self.draws  # exact in what rows are linear in
         if not np.array_equal(now[0], before[0]):
