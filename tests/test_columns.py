@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from form_drake.diagnose import Cause, Scenes
+from form_drake.diagnose import Cause, Model, Scenes
 from form_drake.diagnose.columns import Columns, rest_of, twin_of
 from form_drake.diagnose.match import Match
 from form_drake.diagnose.motions import noisy
@@ -15,6 +15,7 @@ from form_drake.diagnose.prepare import read
 from form_drake.diagnose.search import Search, matched
 from form_drake.effects import CATALOGUE
 from form_drake.effects.effect import LIGHT, SOFT
+from form_drake.laws import LAWS
 from form_drake.motion import body
 from helpers.twins import BLOCK, MODEL, begun
 
@@ -376,3 +377,16 @@ def test_what_a_match_was_made_from_is_forgotten_and_made_again():
     assert not any("motion" in vars(p) for p in light.twin.probes)
     assert np.array_equal(light.columns(density, [{}]), match.columns(density, [{}]))
     assert np.allclose(light.near(match.model).left, left)
+
+
+def test_noise_is_drawn_anew_where_rows_are_not_linear():
+    """Draws serve twins of other moduli, of which rows are linear, and of another limit of stretch do not."""
+    law = LAWS["gent"]
+    model = Model(law, {"mu": 8e3, "J_m": 5.0, "kappa": 15e3})
+    (made,) = Scenes.of((BLOCK.press("bonded", 0.3),)).rough.rolled(model)
+    scenes = Scenes.of((noisy(replace(made, law=law.name), np.random.default_rng(0)),))
+    match = Match.of(read(scenes, law, {})[0], scenes, model)
+    stiff, stretched = ({**model.values, **one} for one in ({"mu": 9e3}, {"J_m": 10.0}))
+    assert match.near(replace(model, values=stiff)).draws is match.draws
+    other = match.near(replace(model, values=stretched))
+    assert other.draws and other.draws is not match.draws

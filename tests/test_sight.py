@@ -70,6 +70,16 @@ def test_what_is_lost_is_in_no_row(lost_as):
     assert sight.apart == pytest.approx(np.zeros(len(sight.apart)))
 
 
+def test_the_column_of_a_gain_that_acts_is_what_a_little_more_of_it_changes():
+    """Columns are those of the motion that the search began with, in which it does not act."""
+    sight, gain, step = fitted(), CATALOGUE["force-gain"], 0.02
+    less, acting, more = (
+        sight.near(sight.model.more(gain, size, {})) for size in (-0.3 - step, -0.3, -0.3 + step)
+    )
+    true = (less.apart - more.apart) / (2.0 * step)
+    assert acting.slopes[:, -1] == pytest.approx(true, abs=0.02 * float(np.abs(true).max()))
+
+
 def test_what_the_grid_has_wrong_is_taken_off():
     sight = fitted()
     plain = sight.uncorrected
