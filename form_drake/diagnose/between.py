@@ -19,10 +19,8 @@ from form_drake.weak.probe import Probe
 
 SLIGHT = 0.01  # of what is missed, in differences
 PARTS = 4  # of the time from frame to frame
-LOOKS = (
-    1,
-    3,
-)  # of them, a quarter before and after its middle: of any ringing one sees what the other does not
+# Of them, a quarter before and after its middle: of any ringing one sees what the other does not.
+LOOKS = (1, 3)
 
 
 def denser(recording: Recording) -> Recording:

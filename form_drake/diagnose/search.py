@@ -114,9 +114,9 @@ class Search(Generic[M]):
         model = self.match.model
         moved = [c.moved(d) for c, d in zip(model.causes, causes, strict=True)]
         after = replace(model, values=self.match.valued(own), causes=tuple(moved))
-        return replace(after, values=self._kept(after, model.shown / after.shown)).whole
+        return replace(after, values=self._scaled(after, model.shown / after.shown)).whole
 
-    def _kept(self, after: Model, share: float) -> dict[str, float]:
+    def _scaled(self, after: Model, share: float) -> dict[str, float]:
         """Values of the law, those of its terms changed by a share of what they are."""
         if share == 1.0:
             return dict(after.values)
@@ -129,7 +129,7 @@ class Search(Generic[M]):
     def _change_to(self, model: Model) -> np.ndarray:
         """What columns say of a model: the change of the unknowns that keeps the product."""
         before = self.match.model
-        values = self._kept(model, model.shown / before.shown)
+        values = self._scaled(model, model.shown / before.shown)
         return self.match.towards(replace(model, values=values))
 
     def anchored(self: "Search[Match]") -> "Search[Match]":
