@@ -46,6 +46,7 @@ SEALED = {
     "second": "second/blind.json",
     "third": "third/blind.json",
     "fifth": "fifth/blind.json",
+    "sixth": "sixth/blind.json",
 }
 
 
