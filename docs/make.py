@@ -48,6 +48,10 @@ SEALED = {
     "fifth": "fifth/blind.json",
     "sixth": "sixth/blind.json",
 }
+READ = {  # the last of these, of which less is read
+    "sixth": "sixth/blind.json",
+    "sixth-faces": "sixth/faces.json",
+}
 
 
 def laws_table() -> str:
@@ -79,27 +83,35 @@ def effects_table() -> str:
 
 
 def sealed() -> dict[str, str]:
-    """What verdicts on sealed sets are worth, by set, and all sets beside each other."""
-    results = {}
-    for name, place in SEALED.items():
-        verdicts = DOCS / "blind" / place
-        files = (verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
-        results[name] = blind_score.score(*files)
+    """What verdicts on sealed sets are worth, by set and by what is read, and beside each other."""
+    results = {name: worth(DOCS / "blind" / place) for name, place in (SEALED | READ).items()}
     told = {name: f"\n```text\n{blind_table.table(one)}\n```\n\n" for name, one in results.items()}
-    return told | {"compared": compared(results)}
+    beside = {"compared": SEALED, "compared-less": READ}
+    return told | {k: compared({n: results[n] for n in names}) for k, names in beside.items()}
+
+
+def worth(verdicts: Path) -> dict[str, Any]:
+    """What verdicts are worth by the key that lies beside them."""
+    return blind_score.score(verdicts, *(verdicts.parent / f for f in ("key.json", "key.sha256")))
 
 
 def compared(results: dict[str, dict[str, Any]]) -> str:
     """What sealed sets are judged by, a column for each; what misses its goal stands out."""
     sets = [{line.name: line for line in blind_table.lines(one)} for one in results.values()]
-    goals = {k: line.goal for own in sets for k, line in own.items() if line.goal}
-    rows = []
-    for name, goal in goals.items():
-        cells = [" ".join(own[name].told.split()) if name in own else "" for own in sets]
-        off = [name in own and own[name].met is False for own in sets]
-        told = [f"**{cell}**" if missed else cell for cell, missed in zip(cells, off, strict=True)]
-        rows.append((name, goal, *told))
+    goals = {k: line.goal for own in reversed(sets) for k, line in own.items() if line.goal}
+    names = dict.fromkeys(name for own in sets for name in own if name in goals)
+    rows = [
+        (name, goals[name], *(_cell(own.get(name), goals[name]) for own in sets)) for name in names
+    ]
     return markdown_table(("", "goal", *results), rows)
+
+
+def _cell(line: blind_table.Line | None, goal: str) -> str:
+    """What was reached, beside its own goal where that is another."""
+    if line is None:
+        return ""
+    told = " ".join(line.told.split()) + (f" ({line.goal})" if line.goal not in ("", goal) else "")
+    return f"**{told}**" if line.met is False else told
 
 
 # --- pages --------------------------------------------------------------------------------------

@@ -256,6 +256,8 @@ def test_goals_stand_beside_what_was_reached(tmp_path, drawn):
     verdicts(json.loads(key.read_text()), blind.sealed(seal), out, reading=61.0)
     assert "simulations, most  61" in (text := blind_table.table(score(out, key, seal)))
     assert "MISSED (goal <= 60)" in text
+    outside = score(out, key, seal) | {"probes": "faces"}
+    assert "MISSED (goal >= 90 %)" in blind_table.table(outside)
 
 
 def test_what_thresholds_stand_on_is_in_the_fingerprint(tmp_path, monkeypatch):

@@ -21,6 +21,9 @@ RATES = {  # shares of the cases: at least, or at most
     "pairs, both named": (">=", 0.85),
     "wrong noise, confident names": ("<=", 0.0),
 }
+FACES = {
+    "right class, strong singles": (">=", 0.90)
+}  # where two sides and the force are all there is
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class Line:
 
 def lines(result: Result) -> list[Line]:
     """What a set is judged by, first to last."""
-    found = [_rate(name, rate["hits"], rate["of"]) for name, rate in result["rates"].items()]
+    goals = RATES | (FACES if result.get("probes") == "faces" else {})
+    found = [_rate(k, r["hits"], r["of"], goals.get(k)) for k, r in result["rates"].items()]
     if count := result["missing"]:
         found.insert(0, Line("cases without a verdict, which count as errors", str(count)))
     found += [*_sizes(result["sizes"]), *_held_out(result)]
@@ -95,7 +99,6 @@ def _numbers(title: str, numbers: Mapping[str, float | None]) -> list[str]:
 def _rate(name: str, hits: int, count: int, goal: tuple[str, float] | None = None) -> Line:
     low, high = (100.0 * x for x in wilson(hits, count))
     line = Line(name, f"{hits:3d} of {count:3d}", f"   {low:3.0f}-{high:3.0f} %")
-    goal = goal or RATES.get(name)
     return line if goal is None or not count else _judged(line, hits / count, *goal, "%")
 
 
