@@ -48,7 +48,7 @@ SEALED = {
     "fifth": "fifth/blind.json",
     "sixth": "sixth/blind.json",
 }
-READ = {  # the last of these, of which less is read
+READ = {  # the last of these: all points, and less
     "sixth": "sixth/blind.json",
     "sixth-faces": "sixth/faces.json",
 }

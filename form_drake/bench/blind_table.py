@@ -21,9 +21,9 @@ RATES = {  # shares of the cases: at least, or at most
     "pairs, both named": (">=", 0.85),
     "wrong noise, confident names": ("<=", 0.0),
 }
-FACES = {
-    "right class, strong singles": (">=", 0.90)
-}  # where two sides and the force are all there is
+FACES = {  # other goals where two sides and the force are all there is
+    "right class, strong singles": (">=", 0.90),
+}
 
 
 @dataclass(frozen=True)
