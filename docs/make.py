@@ -50,6 +50,7 @@ SEALED = {
 }
 READ = {  # the last of these: all points, and less
     "sixth": "sixth/blind.json",
+    "sixth-press": "sixth/press.json",
     "sixth-faces": "sixth/faces.json",
 }
 
