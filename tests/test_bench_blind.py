@@ -177,6 +177,8 @@ def test_what_is_no_verdict_that_nothing_is_missing_is_counted_on_nulls():
     for verdict in ("unnamed", "error"):
         assert not alarm({"verdict": verdict}, {}) and other({"verdict": verdict}, {})
     assert not other({"verdict": "none", "effects": []}, {})
+    doubted = {"verdict": "none", "effects": [], "doubts": ["held-out motion is off"]}
+    assert other(doubted, {}) and not alarm(doubted, {})
     truth = {"effects": {"drag": {}, "density": {}}}
     three = {"verdict": "named", "effects": [*map(effect, ("drag", "density", "inclusion"))]}
     assert blind_score._all(three, truth) and not blind_score._exactly(three, truth)

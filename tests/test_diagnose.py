@@ -69,6 +69,9 @@ def diagnosed(files, capsys, name, *more):
 def test_nothing_is_named_where_nothing_is_missing(files, capsys):
     found, out = diagnosed(files, capsys, "plain", "--holdout", str(files / "plain1.h5"))
     assert found["verdict"] == "none" and found["effects"] == [] and found["doubts"] == []
+    missed = [one["missed"] > 0.5 for one in found["advice"]["limits"]]
+    assert any(missed)
+    assert f" {sum(missed)} of {len(missed)} effects would go unseen" in found["sentence"]
     assert [g["channel"] for g in found["gap"]] == ["tracks 1", "force of plate 1", "balance"]
     assert all(g["before"] == g["after"] and g["closure"] is None for g in found["gap"])
     for key, true in TRUTH.items():

@@ -65,6 +65,11 @@ def _sure(one: Verdict) -> bool:
     return bool(one["verdict"] == "named")
 
 
+def _open(one: Verdict, truth: Truth) -> bool:
+    """Whether it is left open that something is missing: by the verdict, or by a doubt beside it."""
+    return one["verdict"] != "none" or bool(one.get("doubts"))
+
+
 def _told(one: Verdict) -> Sequence[Mapping[str, Any]]:
     """Effects that were named, with reserve or without; what was found and is refused is none."""
     told: Sequence[Mapping[str, Any]] = one.get("effects", ())
@@ -100,7 +105,7 @@ RATES = {  # name -> kind, what counts
     "right class and nothing else": ("single", _exactly),
     "right by declared classes, and sign": ("single", _strictly),
     "false alarms on nulls": ("null", lambda o, t: bool(o.get("effects"))),
-    "nulls, not told that nothing is missing": ("null", lambda o, t: o["verdict"] != "none"),
+    "nulls, not told that nothing is missing": ("null", _open),
     "out of catalogue, refused": ("outside", lambda o, t: o["verdict"] == "unnamed"),
     "out of catalogue, refused without held-out": (
         "outside",

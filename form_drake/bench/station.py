@@ -1,4 +1,4 @@
-"""Effects hidden in the station, found in probes that went through arm, tool and sensors of its diagram.
+"""Effects hidden in the station, sought in probes that went through arm, tool and sensors of its diagram.
 
 The station simulates them with tools that touch; a diagnosis reads what its recorder tells, and nothing
 of the truth. Motions that nothing else reads verify what it names.

@@ -16,7 +16,9 @@ from form_drake.effects import catalogue
 
 @dataclass(frozen=True, kw_only=True)
 class Nulls(Cases):
-    """Scores of a diagnosis where nothing is missing, on data from a finer grid than the twin's."""
+    """Scores of a diagnosis where nothing is missing, on data from a finer grid than the twin's, and from
+    finite elements of tests/oracles, which need a checkout.
+    """
 
     draws: int = nulls.DRAWS
     """Draws of noise on every specimen."""
@@ -78,7 +80,7 @@ class Effects(Cases):
 
 @dataclass(frozen=True, kw_only=True)
 class Station(Cases):
-    """Effects hidden in the station, found in what its probes record."""
+    """Effects hidden in the station, sought in what its probes record."""
 
     def run(self) -> None:
         """Run the bench."""
@@ -94,7 +96,7 @@ class Blind:
     tells."""
     cases: Path | None = None
     """Folder of cases (ID/press.h5, shake.h5 and heldout.h5), or a list of seeds of this project's
-    own generator (tests/oracles/hidden_effects_set.py)."""
+    own generator (tests/oracles/hidden_effects_set.py), which needs a checkout."""
     out: Path | None = None
     """File of verdicts, which grows by a line for each case; default: runs/bench-blind/blind.json."""
     only: tuple[str, ...] = ()

@@ -29,8 +29,8 @@ class Diagnose:
     """Find where simulation and measurement disagree, name the missing effect, add it and verify it."""
 
     recording: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings of one specimen with tracks throughout it: a press, whose force is measured, and
-    what else there is, such as a shake."""
+    """Recordings of one specimen, or of fresh ones that are equal, with tracks throughout it: a press,
+    whose force is measured, and what else there is, such as a shake. Each begins free of stress."""
     material: Path | None = None
     """Material to begin with (YAML); default: the law that the recordings declare is identified."""
     law: str | None = None

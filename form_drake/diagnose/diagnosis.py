@@ -97,12 +97,17 @@ class Diagnosis:
         """The verdict in words."""
         told = "; ".join(
             f"{c.effect.sentence} ({c.effect.id} {_size(c)}"
-            + (f"; its column is like that of {', '.join(p.alike)})" if p.alike else ")")
+            + (f"; these recordings do not tell it from {', '.join(p.alike)})" if p.alike else ")")
             for c, p in zip(self.naming.added, self.naming.passes, strict=False)
         )
         if self.verdict == "none":
             if self.doubts:
                 return "Nothing stands out in these recordings, but there is a doubt."
+            if blind := len(self.advice.blind):
+                unseen = f"most likely sizes of {blind} of {len(self.advice.limits)} effects"
+                return (
+                    f"Nothing is missing that these recordings show, but {unseen} would go unseen."
+                )
             return "Nothing is missing: what is left is noise."
         if self.verdict == "unnamed":
             if failed := self.lost or self.naming.failed:
